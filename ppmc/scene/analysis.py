@@ -1,0 +1,283 @@
+"""The ``analysis:`` section: regions and paths to average over, and what the report shows."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from ppmc.scene.base import Section
+from ppmc.scene.units import Angle, Direction, Length, LengthVector, PositiveLength, PositiveLengthVector
+
+AxisName = Literal["x1", "x2", "x3"]
+
+
+class BoxRegion(Section):
+    """A box, by two corners along the axes, or by centre and size and then turned at will."""
+
+    shape: Literal["box"] = "box"
+
+    min: LengthVector | None = None
+    """Lowest corner (mm)."""
+
+    max: LengthVector | None = None
+    """Highest corner (mm)."""
+
+    centre: LengthVector | None = None
+    """Centre of a box given by its size (mm)."""
+
+    size: PositiveLengthVector | None = None
+    """Edge lengths along axis_1, axis_2 and their cross product (mm)."""
+
+    axis_1: Direction = (1.0, 0.0, 0.0)
+    """Direction of the first edge of a box given by its size."""
+
+    axis_2: Direction = (0.0, 1.0, 0.0)
+    """Direction near the second edge; its part normal to axis_1 counts."""
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        corners = self.min is not None and self.max is not None
+        sized = self.centre is not None and self.size is not None
+        if corners == sized or (corners and (self.centre or self.size)) or (sized and (self.min or self.max)):
+            raise ValueError("a box needs either 'min' and 'max', or 'centre' and 'size'")
+        if self.min is not None and self.max is not None and any(b <= a for a, b in zip(self.min, self.max, strict=True)):
+            raise ValueError(f"'max' {self.max} must be above 'min' {self.min} in every direction")
+        return self
+
+
+class SlabRegion(Section):
+    """The space between two parallel planes."""
+
+    shape: Literal["slab"]
+
+    normal: Direction = (0.0, 0.0, 1.0)
+    """Normal of the planes."""
+
+    min: Length
+    """Distance of the first plane from the origin along the normal (mm)."""
+
+    max: Length
+    """Distance of the second plane (mm)."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.max <= self.min:
+            raise ValueError(f"'max' {self.max} must be above 'min' {self.min}")
+        return self
+
+
+class CylinderRegion(Section):
+    """A cylinder, a tube or a sector of one."""
+
+    shape: Literal["cylinder"]
+
+    centre: LengthVector
+    """Centre at mid-height (mm)."""
+
+    axis: Direction = (0.0, 0.0, 1.0)
+    """Direction of the axis."""
+
+    height: PositiveLength
+    """Height along the axis (mm)."""
+
+    radius: PositiveLength
+    """Outer radius (mm)."""
+
+    inner_radius: Annotated[Length, Field(ge=0)] = 0.0
+    """Inner radius of a tube (mm)."""
+
+    start_angle: Angle = 0.0
+    """Start of a sector (degrees), counted right-handed about the axis from the reference direction."""
+
+    end_angle: Angle = 360.0
+    """End of a sector (degrees)."""
+
+    reference: Direction | None = None
+    """Direction of angle zero; the coordinate axis farthest from the cylinder's axis if left out."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.inner_radius >= self.radius:
+            raise ValueError(f"'inner_radius' {self.inner_radius} must be below 'radius' {self.radius}")
+        if not 0.0 < self.end_angle - self.start_angle <= 360.0 + 1e-9:
+            raise ValueError("'end_angle' must be 0 to 360 degrees above 'start_angle'")
+        return self
+
+
+class SphereRegion(Section):
+    """A ball."""
+
+    shape: Literal["sphere"]
+
+    centre: LengthVector
+    """Centre (mm)."""
+
+    radius: PositiveLength
+    """Radius (mm)."""
+
+
+def _shape_of(value: Any) -> str:
+    """Return the tag of a region; a region without a shape is a box."""
+    return value.get("shape", "box") if isinstance(value, dict) else getattr(value, "shape", "box")
+
+
+RegionSection = Annotated[
+    Annotated[BoxRegion, Tag("box")]
+    | Annotated[SlabRegion, Tag("slab")]
+    | Annotated[CylinderRegion, Tag("cylinder")]
+    | Annotated[SphereRegion, Tag("sphere")],
+    Discriminator(_shape_of),
+]
+
+
+class StraightPath(Section):
+    """Equal slices along one axis, averaged over width and thickness (J Figs 13 and 14)."""
+
+    kind: Literal["straight"] = "straight"
+
+    axis: AxisName = "x1"
+    """Axis along which to cut."""
+
+    slices: int = Field(default=50, ge=1, le=10_000)
+    """Number of equal slices."""
+
+    min: LengthVector | None = None
+    """Lowest corner of the box that is cut (mm); the extent of the material if left out."""
+
+    max: LengthVector | None = None
+    """Highest corner of the box that is cut (mm); the extent of the material if left out."""
+
+
+class CirclePath(Section):
+    """Sectors around an axis, in cylindrical components r, θ, axis (J Figs 11 and 12: around the hole)."""
+
+    kind: Literal["circle"]
+
+    centre: LengthVector
+    """Centre of the circle (mm)."""
+
+    axis: Direction = (1.0, 0.0, 0.0)
+    """Axis of the hole."""
+
+    zero: Direction = (0.0, 0.0, -1.0)
+    """Direction of θ = 0; below the hole in the bracket."""
+
+    inner_radius: Annotated[Length, Field(ge=0)]
+    """Inner radius of the inspected ring (mm)."""
+
+    outer_radius: PositiveLength
+    """Outer radius of the inspected ring (mm)."""
+
+    height: PositiveLength
+    """Extent along the axis (mm)."""
+
+    points: int = Field(default=72, ge=3, le=3600)
+    """Number of inspection regions around."""
+
+    width: Angle | None = Field(default=None, gt=0, le=360)
+    """Angle each region spans (degrees); regions just touch if left out, overlap if wider."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.inner_radius >= self.outer_radius:
+            raise ValueError(f"'inner_radius' {self.inner_radius} must be below 'outer_radius' {self.outer_radius}")
+        return self
+
+
+class SweptPath(Section):
+    """A thin rectangle swept sideways through the whole thickness (D Figs 9 to 11)."""
+
+    kind: Literal["swept"]
+
+    along: AxisName = "x3"
+    """Direction of the rectangle's length."""
+
+    sweep: AxisName = "x1"
+    """Direction in which it is swept."""
+
+    length: PositiveLength
+    """Length of the rectangle (mm), such as 150 mm."""
+
+    width: PositiveLength
+    """Width of the rectangle along the sweep (mm)."""
+
+    centre: Length = 0.0
+    """Middle of the rectangle in the direction of its length (mm)."""
+
+    start: Length | None = None
+    """Where the sweep starts (mm); the extent of the material if left out."""
+
+    stop: Length | None = None
+    """Where the sweep ends (mm); the extent of the material if left out."""
+
+    points: int = Field(default=60, ge=2, le=10_000)
+    """Number of positions."""
+
+    local: bool = True
+    """Show the tensor in local axes a, t, n too, with the surface normal n of each position (D6)."""
+
+
+class LinePath(Section):
+    """Balls or boxes along any line of points, in local axes: along, across, normal."""
+
+    kind: Literal["line"]
+
+    points: list[LengthVector] = Field(min_length=2)
+    """Corners of the line (mm)."""
+
+    radius: PositiveLength
+    """Radius of the inspection balls (mm)."""
+
+    steps: int = Field(default=50, ge=2, le=10_000)
+    """Number of inspection regions, equally spaced along the line."""
+
+    up: Direction = (0.0, 0.0, 1.0)
+    """Direction near the local normal, to settle the turn of the local axes about the line."""
+
+
+def _kind_of(value: Any) -> str:
+    """Return the tag of a path; a path without a kind is straight."""
+    return value.get("kind", "straight") if isinstance(value, dict) else getattr(value, "kind", "straight")
+
+
+PathSection = Annotated[
+    Annotated[StraightPath, Tag("straight")]
+    | Annotated[CirclePath, Tag("circle")]
+    | Annotated[SweptPath, Tag("swept")]
+    | Annotated[LinePath, Tag("line")],
+    Discriminator(_kind_of),
+]
+
+View = Literal["fibre_direction", "platelet_normal"]
+
+
+class AnalysisSection(Section):
+    """What ``ppmc analyze`` averages and shows."""
+
+    regions: dict[str, RegionSection] = Field(default_factory=dict, examples=[{"interior": {"min": [2, 2, 1], "max": [22, 14, 5]}}])
+    """Regions by name; the whole file is always averaged too."""
+
+    path: PathSection | None = None
+    """One path of inspection regions; same as an entry 'path' in paths."""
+
+    paths: dict[str, PathSection] = Field(default_factory=dict)
+    """Paths of inspection regions by name. With neither path nor paths, 20 slices along x1."""
+
+    frames: Literal["ends", "all"] = "ends"
+    """Time steps of a flow to average: the first and the last, or all."""
+
+    margin: PositiveLength | None = None
+    """How far from the specimen's faces the comparison with the phantom's truth keeps away (mm); a tenth of its smallest extent if left out."""
+
+    views: tuple[View, ...] = ("fibre_direction", "platelet_normal")
+    """Directions whose squared components are drawn, at start and end (J Figs 7 to 10)."""
+
+    view_points: int = Field(default=200_000, ge=1000)
+    """Most points drawn in a view; larger files are thinned for the pictures only."""
+
+    @property
+    def every_path(self) -> dict[str, StraightPath | CirclePath | SweptPath | LinePath]:
+        """All paths by name, the default one if the scene gives none."""
+        named = {**({"path": self.path} if self.path is not None else {}), **self.paths}
+        return named or {"path": StraightPath(slices=20)}
