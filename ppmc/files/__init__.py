@@ -1,0 +1,35 @@
+"""The contracts between stages: what each file holds, how it is written, and how it is read with care.
+
+This package knows no physics; `fields` has the tables, everything else follows them.
+"""
+
+from ppmc.files.fields import FIELDS, Field
+from ppmc.files.grid import VoxelGrid
+from ppmc.files.particles import ParticleFile, read_particles, write_particles
+from ppmc.files.provenance import Provenance, file_digest
+from ppmc.files.series import SeriesFile, SeriesWriter, open_series
+from ppmc.files.state import read_state, write_state
+from ppmc.files.storage import check_output, whole_file
+from ppmc.files.voxels import VoxelFile, VoxelWriter, read_voxels, write_voxels
+
+__all__ = [
+    "FIELDS",
+    "Field",
+    "ParticleFile",
+    "Provenance",
+    "SeriesFile",
+    "SeriesWriter",
+    "VoxelFile",
+    "VoxelGrid",
+    "VoxelWriter",
+    "check_output",
+    "file_digest",
+    "open_series",
+    "read_particles",
+    "read_state",
+    "read_voxels",
+    "whole_file",
+    "write_particles",
+    "write_state",
+    "write_voxels",
+]

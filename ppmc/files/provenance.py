@@ -1,0 +1,146 @@
+"""Where a file comes from: version, scene, inputs and seed, stored inside the file itself."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import h5py
+
+from ppmc import __version__
+from ppmc.files.fields import AXES, MADE_BY, SCHEMA_VERSION, UNITS
+
+if TYPE_CHECKING:
+    from ppmc.scene import Scene
+
+PACKAGES = ("numpy", "numba", "scipy", "h5py")
+READ_BYTES = 2**22
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 of a file, or of all files of a folder in the order of their names."""
+    digest = hashlib.sha256()
+    path = Path(path)
+    for part in sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]:
+        with part.open("rb") as handle:
+            while block := handle.read(READ_BYTES):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+def _packages() -> dict[str, str]:
+    """Return the versions of the packages that results can depend on."""
+    found = {}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "unknown"
+    return found
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """The origin of one file.
+
+    Attributes
+    ----------
+    creator : str
+        What wrote it, such as ``"ppmc.ct"``.
+    scene : dict
+        The resolved scene, defaults written out.
+    inputs : dict
+        SHA-256 of each input by file name.
+    seed : int or None
+        Seed of the random draws, None where there were none.
+    key : str
+        Digest of all that decides the content: the sections used, the inputs, the seed and the version. Equal keys
+        mean equal files. No date and no machine name is kept, so that equal work gives equal bytes.
+    """
+
+    creator: str
+    scene: dict[str, Any] = field(default_factory=dict)
+    inputs: dict[str, str] = field(default_factory=dict)
+    seed: int | None = None
+    key: str = ""
+    ppmc_version: str = __version__
+    packages: dict[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def collect(
+        cls,
+        creator: str,
+        scene: Scene | None = None,
+        sections: Iterable[str] = (),
+        inputs: Iterable[Path | None] = (),
+        seed: int | None = None,
+    ) -> Provenance:
+        """Gather the origin of a file about to be written.
+
+        Parameters
+        ----------
+        creator : str
+            The stage, such as ``"ppmc.ct"``.
+        scene : Scene, optional
+            Stored whole.
+        sections : iterable of str
+            The sections that decide this file's content.
+        inputs : iterable of Path
+            Files read; None entries are passed over.
+        seed : int, optional
+            Seed, for stages that draw random numbers.
+        """
+        resolved = scene.resolved() if scene is not None else {}
+        digests = {Path(p).name: file_digest(p) for p in inputs if p is not None}
+        decides = {
+            "creator": creator,
+            "version": __version__,
+            "sections": {s: resolved.get(s) for s in sections},
+            "inputs": digests,
+            "seed": seed,
+        }
+        key = hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()
+        return cls(creator, resolved, digests, seed, key, __version__, _packages())
+
+    def store(self, file: h5py.File, product: str) -> None:
+        """Write the origin and the contract's name and version into the group ``/ppmc``."""
+        group = file.require_group("ppmc")
+        group.attrs["schema"] = product
+        group.attrs["schema_version"] = SCHEMA_VERSION
+        group.attrs["ppmc_version"] = self.ppmc_version
+        group.attrs["creator"] = self.creator
+        group.attrs["made_by"] = MADE_BY.get(product, self.creator)
+        group.attrs["units"] = UNITS
+        group.attrs["axes"] = AXES
+        group.attrs["key"] = self.key
+        group.attrs["seed"] = "none" if self.seed is None else str(self.seed)
+        # Datasets, since attributes end at 64 KiB.
+        group["scene"] = json.dumps(self.scene, sort_keys=True)
+        group["inputs"] = json.dumps(self.inputs, sort_keys=True)
+        group["packages"] = json.dumps(self.packages, sort_keys=True)
+
+    @classmethod
+    def load(cls, file: h5py.File) -> Provenance:
+        """Read the origin back; a file that another program wrote has an empty one."""
+        if "ppmc" not in file:
+            return cls(creator="unknown", ppmc_version="unknown")
+        group = file["ppmc"]
+
+        def text(name: str) -> dict[str, Any]:
+            return json.loads(group[name].asstr()[()]) if name in group else {}
+
+        seed = str(group.attrs.get("seed", "none"))
+        return cls(
+            creator=str(group.attrs.get("creator", "unknown")),
+            scene=text("scene"),
+            inputs=text("inputs"),
+            seed=None if seed == "none" else int(seed),
+            key=str(group.attrs.get("key", "")),
+            ppmc_version=str(group.attrs.get("ppmc_version", "unknown")),
+            packages=text("packages"),
+        )

@@ -1,0 +1,223 @@
+"""Voxel products: CT volumes and voxel orientations, written whole or slab by slab, read in parts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmc.errors import InputFileError
+from ppmc.files import vtkhdf
+from ppmc.files.fields import FIELDS, field
+from ppmc.files.grid import VoxelGrid
+from ppmc.files.guard import check_layout, check_orthogonal, check_values, dataset_of, group_of, open_guarded
+from ppmc.files.provenance import Provenance
+from ppmc.files.storage import whole_file
+
+CHUNK = (32, 64, 64)
+Index = tuple[slice, slice, slice]
+ALL: Index = (slice(None), slice(None), slice(None))
+
+
+class VoxelWriter:
+    """Write a voxel product slab by slab; the file takes its name when the ``with`` block ends well.
+
+    Parameters
+    ----------
+    path : Path
+        The file to make.
+    product : str
+        ``"volume"`` or ``"orientations"``.
+    names : iterable of str
+        Fields that will be written.
+    grid : VoxelGrid
+        Where the voxels stand.
+    provenance : Provenance
+        Origin of the file.
+    grey_dtype : dtype
+        Type of ``grey``, if that is among the fields: uint8, uint16 or float32.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        product: str,
+        names: Iterable[str],
+        *,
+        grid: VoxelGrid,
+        provenance: Provenance,
+        grey_dtype: Any = np.uint8,
+    ) -> None:
+        self.path = Path(path)
+        self.product = product
+        self.grid = grid
+        self._specs = {name: field(product, name) for name in names}
+        self._provenance = provenance
+        self._grey = np.dtype(grey_dtype)
+        self._stack = ExitStack()
+
+    def __enter__(self) -> VoxelWriter:
+        with ExitStack() as stack:
+            temporary = stack.enter_context(whole_file(self.path))
+            self._file = stack.enter_context(h5py.File(temporary, "w", libver=vtkhdf.SEALED))
+            self._data = vtkhdf.image_header(vtkhdf.begin(self._file, "ImageData"), self.grid)
+            chunk = tuple(min(c, n) for c, n in zip(CHUNK, self.grid.shape, strict=True))
+            for name, spec in self._specs.items():
+                tail = () if spec.components == 1 else (spec.components,)
+                dataset = self._data.create_dataset(
+                    name,
+                    shape=(*self.grid.shape, *tail),
+                    dtype=vtkhdf.stored_dtype(spec, self._grey),
+                    chunks=(*chunk, *tail),
+                )
+                vtkhdf.describe(dataset, spec, self._provenance.creator)
+            self._provenance.store(self._file, self.product)
+            self._stack = stack.pop_all()
+        return self
+
+    def write(self, name: str, z0: int, slab: NDArray[Any], y0: int = 0, x0: int = 0) -> None:
+        """Write a block of a field, shape (kz, ky, kx[, components]), its first voxel at [z0, y0, x0]."""
+        spec = self._specs[name]
+        stored = vtkhdf.as_stored(slab, spec, slab.shape[:3])
+        kz, ky, kx = slab.shape[:3]
+        self._data[name][z0 : z0 + kz, y0 : y0 + ky, x0 : x0 + kx] = stored
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.__exit__(kind, error, trace)
+
+
+def write_voxels(
+    path: Path, product: str, fields: Mapping[str, NDArray[Any]], *, grid: VoxelGrid, provenance: Provenance
+) -> None:
+    """Write a voxel product that fits into memory, with a digest of every field.
+
+    Parameters
+    ----------
+    path : Path
+        The file to make.
+    product : str
+        ``"volume"`` or ``"orientations"``.
+    fields : mapping of str to ndarray, shape (nz, ny, nx[, components])
+        The fields of the product's contract.
+    grid : VoxelGrid
+        Where the voxels stand.
+    provenance : Provenance
+        Origin of the file.
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be written.
+    """
+    grey = np.asarray(fields["grey"]).dtype if "grey" in fields else np.uint8
+    writer = VoxelWriter(path, product, fields, grid=grid, provenance=provenance, grey_dtype=grey)
+    with writer:
+        for name, values in fields.items():
+            writer.write(name, 0, np.asarray(values))
+
+
+@dataclass
+class VoxelFile:
+    """An open voxel product; fields are read, and verified, in parts.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    product : str
+        Its contract.
+    grid : VoxelGrid
+        Where the voxels stand.
+    names : tuple of str
+        Fields it has.
+    provenance : Provenance
+        Its origin.
+    """
+
+    path: Path
+    product: str
+    grid: VoxelGrid
+    names: tuple[str, ...]
+    provenance: Provenance
+    _file: h5py.File
+
+    def read(self, name: str, index: Index = ALL) -> NDArray[Any]:
+        """Return a field, or the part of it that `index` cuts out, verified against its contract.
+
+        Raises
+        ------
+        InputFileError
+            If the field is missing or breaks its contract.
+        """
+        data = dataset_of(self._file, f"VTKHDF/PointData/{name}", self.path)
+        spec = field(self.product, name)
+        values = data[index]
+        check_values(values, spec, data.name, self.path)
+        return np.asarray(values)
+
+    def read_frames(self, index: Index = ALL) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return fibre directions and platelet normals, shape (..., 3), verified to be orthogonal."""
+        p = self.read("fibre_direction", index)
+        r = self.read("platelet_normal", index)
+        check_orthogonal(p, r, ("/VTKHDF/PointData/fibre_direction", "platelet_normal"), self.path)
+        return p, r
+
+
+@contextmanager
+def read_voxels(path: Path, product: str) -> Iterator[VoxelFile]:
+    """Open a voxel product.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    product : str
+        ``"volume"`` or ``"orientations"``.
+
+    Yields
+    ------
+    VoxelFile
+
+    Raises
+    ------
+    InputFileError
+        If the file or its layout breaks the contract.
+    """
+    path = Path(path)
+    with open_guarded(path, product) as file:
+        root = group_of(file, "VTKHDF", path)
+        grid = _grid_of(root, path)
+        data = group_of(file, "VTKHDF/PointData", path)
+        known = {f.name: f for f in FIELDS[product]}
+        for name, spec in known.items():
+            if name in data:
+                check_layout(dataset_of(file, f"VTKHDF/PointData/{name}", path), spec, grid.shape, path)
+            elif spec.required:
+                raise InputFileError(f"{path}: /VTKHDF/PointData/{name} is missing ({spec.doc})")
+        names = tuple(name for name in known if name in data)
+        yield VoxelFile(path, product, grid, names, Provenance.load(file), file)
+
+
+def _grid_of(root: h5py.Group, path: Path) -> VoxelGrid:
+    """Return the grid that the header describes."""
+    try:
+        kind = root.attrs["Type"]
+        kind = kind.decode() if isinstance(kind, bytes) else str(kind)
+        if kind != "ImageData":
+            raise InputFileError(f"{path}: /VTKHDF@Type is '{kind}', must be 'ImageData'")
+        x0, x1, y0, y1, z0, z1 = (int(v) for v in root.attrs["WholeExtent"])
+        spacing = tuple(float(v) for v in root.attrs["Spacing"])
+        origin = tuple(float(v) for v in root.attrs["Origin"])
+        direction = np.asarray(root.attrs.get("Direction", np.eye(3).ravel()), dtype=np.float64).reshape(3, 3)
+        return VoxelGrid((z1 - z0 + 1, y1 - y0 + 1, x1 - x0 + 1), spacing, origin, tuple(map(tuple, direction)))  # type: ignore[arg-type]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputFileError(f"{path}: /VTKHDF does not describe a voxel grid: {error}") from None

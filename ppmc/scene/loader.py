@@ -1,0 +1,171 @@
+"""Read a scene: YAML 1.2 in, a validated `Scene` or one message with file and line out."""
+
+from __future__ import annotations
+
+import difflib
+import types
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from ppmc.errors import SceneError
+from ppmc.scene.scene import Scene
+
+MOST_BYTES = 1_000_000
+MOST_ERRORS_SHOWN = 8
+
+Location = tuple[int | str, ...]
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read and validate a scene file.
+
+    Parameters
+    ----------
+    path : str or Path
+        A YAML 1.2 file.
+
+    Returns
+    -------
+    Scene
+        The scene, in mm, s, g, Pa, with every default filled in.
+
+    Raises
+    ------
+    SceneError
+        If the file cannot be read, is not YAML, or is not a valid scene; every problem with ``file:line``, the key,
+        the value and, for an unknown key, the nearest known one.
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise SceneError(f"{path}: a scene is text of at most {MOST_BYTES:,} bytes; this file is larger")
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise SceneError(f"{path}: no such scene file{_near_files(path)}") from None
+    except IsADirectoryError:
+        raise SceneError(f"{path}: is a folder, not a scene file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(f"{path}: cannot be read as text: {error}") from None
+    return parse_scene(text, path)
+
+
+def parse_scene(text: str, path: Path = Path("scene.yaml")) -> Scene:
+    """Validate the text of a scene; `path` names it in messages and anchors its relative paths.
+
+    Raises
+    ------
+    SceneError
+        As `load_scene`.
+    """
+    lines, data = _read_yaml(text, path)
+    if not isinstance(data, dict):
+        raise SceneError(f"{path}:1: a scene is a mapping of sections such as 'name:' and 'charge:'")
+    try:
+        scene = Scene.model_validate(data)
+    except ValidationError as error:
+        shown = [_explain(e, lines, path) for e in error.errors(include_url=False)]
+        if len(shown) > MOST_ERRORS_SHOWN:
+            shown[MOST_ERRORS_SHOWN:] = [f"... and {len(shown) - MOST_ERRORS_SHOWN} more problems"]
+        raise SceneError("\n".join(shown)) from None
+    scene._directory = path.parent
+    return scene
+
+
+def scene_json_schema() -> dict[str, Any]:
+    """Return the JSON schema of scenes, for editors that complete and check YAML."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Scene.model_json_schema()}
+
+
+def _near_files(path: Path) -> str:
+    """Return a hint that names a scene file of similar name, if there is one."""
+    folder = path.parent
+    names = [p.name for p in folder.glob("*.y*ml")] if folder.is_dir() else []
+    near = difflib.get_close_matches(path.name, names, n=1)
+    return f"; did you mean {folder / near[0]}?" if near else ""
+
+
+def _read_yaml(text: str, path: Path) -> tuple[dict[Location, int], Any]:
+    """Return the line of every key, and the data."""
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import MarkedYAMLError, YAMLError
+    from ruamel.yaml.events import AliasEvent
+
+    yaml = YAML(typ="safe", pure=True)
+    try:
+        for event in yaml.parse(text):
+            if isinstance(event, AliasEvent):
+                line = event.start_mark.line + 1
+                raise SceneError(f"{path}:{line}: aliases (*name) are not used in scenes; write the value out")
+        node = yaml.compose(text)
+        data = YAML(typ="safe", pure=True).load(text)
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = mark.line + 1 if mark else 1
+        raise SceneError(f"{path}:{line}: not readable as YAML: {error.problem or error.context}") from None
+    except (YAMLError, RecursionError, ValueError) as error:
+        raise SceneError(f"{path}:1: not readable as YAML: {str(error).splitlines()[0]}") from None
+    lines: dict[Location, int] = {}
+    if node is not None:
+        _note_lines(node, (), lines)
+    return lines, data
+
+
+def _note_lines(node: Any, here: Location, lines: dict[Location, int]) -> None:
+    """Collect the line (from 1) of every key and list item below a YAML node."""
+    lines.setdefault(here, node.start_mark.line + 1)
+    if node.id == "mapping":
+        for key, value in node.value:
+            lines[(*here, key.value)] = key.start_mark.line + 1
+            _note_lines(value, (*here, key.value), lines)
+    elif node.id == "sequence":
+        for i, value in enumerate(node.value):
+            _note_lines(value, (*here, i), lines)
+
+
+def _explain(error: Any, lines: dict[Location, int], path: Path) -> str:
+    """Return one line for one validation error."""
+    # pydantic puts the tag of a tagged union into the location; the file has no such key.
+    key: Location = ()
+    line = lines.get((), 1)
+    for part in error["loc"]:
+        if (*key, part) in lines:
+            key = (*key, part)
+            line = lines[key]
+    kind, last = error["type"], error["loc"][-1] if error["loc"] else ""
+    name = ".".join(str(k) for k in key)
+    if kind == "extra_forbidden":
+        known = sorted({f for m in _models_at(error["loc"][:-1]) for f in m.model_fields})
+        near = difflib.get_close_matches(str(last), known, n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else f"; known here: {', '.join(known)}" if known else ""
+        return f"{path}:{line}: {name}: unknown key{hint}"
+    if kind == "missing":
+        where = f"{name}." if name else ""
+        return f"{path}:{line}: {where}{last}: this key is required"
+    message = error["msg"].removeprefix("Value error, ")
+    value = error.get("input")
+    got = f" (got {value!r})" if isinstance(value, str | int | float | bool) and repr(value) not in message else ""
+    return f"{path}:{line}: {name or 'scene'}: {message}{got}"
+
+
+def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Yield the section classes that an annotation can hold."""
+    if isinstance(annotation, type) and not isinstance(annotation, types.GenericAlias):
+        if issubclass(annotation, BaseModel):
+            yield annotation
+    else:
+        for part in typing.get_args(annotation):
+            yield from _models_in(part)
+
+
+def _models_at(loc: Location) -> list[type[BaseModel]]:
+    """Return the section classes whose keys stand at a location of a validation error."""
+    models: list[type[BaseModel]] = [Scene]
+    for part in loc:
+        inside = [c for m in models if part in m.model_fields for c in _models_in(m.model_fields[part].annotation)]
+        tagged = [m for m in models if any(part in typing.get_args(f.annotation) for f in m.model_fields.values())]
+        models = inside or tagged or models
+    return models

@@ -1,0 +1,85 @@
+"""The scene: one validated description of a whole chain, a section for each stage."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, PrivateAttr
+
+from ppmc.errors import SceneError
+from ppmc.scene.analysis import AnalysisSection
+from ppmc.scene.base import Section
+from ppmc.scene.charge import ChargeSection
+from ppmc.scene.ct import CtSection
+from ppmc.scene.material import MaterialSection
+from ppmc.scene.phantom import PhantomSection
+from ppmc.scene.solver import SolverSection
+from ppmc.scene.tooling import Tool
+
+
+class Scene(Section):
+    """Everything that a chain of stages needs to know; absent sections are stages the scene does not use."""
+
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)
+    """Name of the scene: letters, digits, dots, dashes; names the folder of its results."""
+
+    seed: int = Field(default=0, ge=0, lt=2**63)
+    """Seed of every random draw; the same seed gives the same files."""
+
+    description: str = ""
+    """What the scene is for, shown in the report."""
+
+    phantom: PhantomSection | None = None
+    """Synthetic CT volume with known orientations."""
+
+    ct: CtSection | None = None
+    """Orientations from a CT volume."""
+
+    charge: ChargeSection | None = None
+    """Particles and their initial orientations."""
+
+    tooling: dict[str, Tool] | None = None
+    """Tools by name: shape, motion and wall law."""
+
+    material: MaterialSection | None = None
+    """Viscosity of the charge."""
+
+    solver: SolverSection | None = None
+    """Time, accuracy and output of the flow simulation."""
+
+    analysis: AnalysisSection | None = None
+    """Regions, paths and figures."""
+
+    _directory: Path = PrivateAttr(default_factory=Path)
+
+    @property
+    def directory(self) -> Path:
+        """Folder of the scene file, to which relative paths in the scene refer."""
+        return self._directory
+
+    def locate(self, path: str | Path) -> Path:
+        """Return a path of the scene as seen from the working directory."""
+        return Path(path) if Path(path).is_absolute() else self._directory / path
+
+    def require(self, section: str) -> Any:
+        """Return a section.
+
+        Parameters
+        ----------
+        section : str
+            Name of the section, such as ``"ct"``.
+
+        Raises
+        ------
+        SceneError
+            If the scene does not have it.
+        """
+        value = getattr(self, section)
+        if value is None:
+            raise SceneError(f"scene '{self.name}': this stage needs a section '{section}:', and the scene has none")
+        return value
+
+    def resolved(self) -> dict[str, Any]:
+        """Return the scene with every default written out and every quantity in mm, s, g, Pa, ready for JSON."""
+        return self.model_dump(mode="json")

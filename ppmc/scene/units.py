@@ -1,0 +1,126 @@
+"""Quantities in scenes: plain numbers in mm, s, g, Pa, or strings such as ``"6 mm"`` and ``"1.31 GPa"``.
+
+Each type below is a float after validation, in ppmc's units: mm, s, g, Pa (1 Pa = 1 g/(mm s^2)); angles in degrees.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
+from pydantic_core import PydanticCustomError
+
+if TYPE_CHECKING:
+    import pint
+
+
+@lru_cache(maxsize=1)
+def _registry() -> pint.UnitRegistry:
+    """Return pint's registry; half a second to build, so made at the first unit string only."""
+    import pint
+
+    return pint.UnitRegistry()
+
+
+def to_base(value: Any, unit: str) -> float:
+    """Return `value` as a number in `unit`.
+
+    Parameters
+    ----------
+    value : float, int or str
+        A number already in `unit`, or text such as ``"3.55 mm/s"``.
+    unit : str
+        The unit to convert to, as pint spells it.
+
+    Raises
+    ------
+    PydanticCustomError
+        If the text is no quantity, or has another dimension.
+    """
+    if isinstance(value, bool):
+        raise PydanticCustomError("unit", "expected a number or a quantity such as '1 {unit}', got {value}", {
+            "unit": unit or "(no unit)", "value": str(value).lower()})  # fmt: skip
+    if isinstance(value, int | float):
+        return float(value)
+    if not isinstance(value, str):
+        raise PydanticCustomError("unit", "expected a number or a quantity such as '1 {unit}', got {kind}", {
+            "unit": unit, "kind": type(value).__name__})  # fmt: skip
+    import pint
+
+    try:
+        quantity = _registry().Quantity(value)
+        if quantity.dimensionless and unit and not _registry().Quantity(1, unit).dimensionless:
+            return float(quantity.magnitude)
+        return float(quantity.to(unit or "dimensionless").magnitude)
+    except pint.DimensionalityError as error:
+        raise PydanticCustomError("unit", "'{value}' has the wrong dimension: expected {unit}, got {got}", {
+            "value": value, "unit": unit or "a plain number", "got": str(error.units1)})  # fmt: skip
+    except Exception:
+        raise PydanticCustomError("unit", "'{value}' is not a quantity; write for example '1 {unit}'", {
+            "value": value, "unit": unit})  # fmt: skip
+
+
+def _quantity(unit: str, **bounds: float) -> Any:
+    """Return the annotated float type of a quantity in `unit`."""
+    low = "".join(f", {k} {v}" for k, v in bounds.items())
+    schema: dict[str, Any] = {
+        "anyOf": [{"type": "number"}, {"type": "string"}],
+        "description": f"number in {unit} or text with a unit{low}",
+    }
+    return Annotated[float, BeforeValidator(lambda v: to_base(v, unit)), Field(**bounds), WithJsonSchema(schema)]  # type: ignore[arg-type]
+
+
+if TYPE_CHECKING:
+    Length = PositiveLength = NonNegativeLength = Time = PositiveTime = Velocity = PositiveVelocity = float
+    Viscosity = PositiveViscosity = Pressure = PositivePressure = Force = PositiveForce = Density = float
+    PositiveDensity = Angle = NonNegativeAngle = StrainRate = PositiveStrainRate = NonNegativeTime = float
+    FrictionCoefficient = float
+else:
+    Length = _quantity("mm")
+    PositiveLength = _quantity("mm", gt=0)
+    NonNegativeLength = _quantity("mm", ge=0)
+    Time = _quantity("s")
+    PositiveTime = _quantity("s", gt=0)
+    NonNegativeTime = _quantity("s", ge=0)
+    Velocity = _quantity("mm/s")
+    PositiveVelocity = _quantity("mm/s", gt=0)
+    Viscosity = _quantity("Pa*s", ge=0)
+    PositiveViscosity = _quantity("Pa*s", gt=0)
+    Pressure = _quantity("Pa")
+    PositivePressure = _quantity("Pa", gt=0)
+    Force = _quantity("uN")
+    PositiveForce = _quantity("uN", gt=0)
+    Density = _quantity("g/mm^3", ge=0)
+    PositiveDensity = _quantity("g/mm^3", gt=0)
+    Angle = _quantity("degree")
+    NonNegativeAngle = _quantity("degree", ge=0)
+    StrainRate = _quantity("1/s")
+    PositiveStrainRate = _quantity("1/s", gt=0)
+    FrictionCoefficient = _quantity("Pa*s/mm", gt=0)
+
+
+def _three(v: Any) -> Any:
+    """Accept any sequence of three values."""
+    if isinstance(v, str) or not hasattr(v, "__len__") or len(v) != 3:
+        raise PydanticCustomError("vector", "expected three values [x, y, z], got {value}", {"value": repr(v)})
+    return tuple(v)
+
+
+def _unit_length(v: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Scale a direction to unit length; refuse the zero vector."""
+    length = math.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
+    if length < 1e-12:
+        raise PydanticCustomError("direction", "a direction must not be the zero vector")
+    return (v[0] / length, v[1] / length, v[2] / length)
+
+
+if TYPE_CHECKING:
+    Vector3 = LengthVector = PositiveLengthVector = VelocityVector = Direction = tuple[float, float, float]
+else:
+    Vector3 = Annotated[tuple[float, float, float], BeforeValidator(_three)]
+    LengthVector = Annotated[tuple[Length, Length, Length], BeforeValidator(_three)]
+    PositiveLengthVector = Annotated[tuple[PositiveLength, PositiveLength, PositiveLength], BeforeValidator(_three)]
+    VelocityVector = Annotated[tuple[Velocity, Velocity, Velocity], BeforeValidator(_three)]
+    Direction = Annotated[tuple[float, float, float], BeforeValidator(_three), AfterValidator(_unit_length)]
