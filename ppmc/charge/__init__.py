@@ -1,0 +1,1 @@
+"""Charge stage: fills a domain with particles and gives each its platelet frame."""

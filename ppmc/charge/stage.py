@@ -1,0 +1,124 @@
+"""Charge stage: scene (and orientations file) in, charge file out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ppmc.charge.domain import lattice_of
+from ppmc.charge.frames import Frames
+from ppmc.charge.from_ct import frames_from_ct
+from ppmc.charge.lattice import Lattice
+from ppmc.charge.orient import frames_of
+from ppmc.errors import InputFileError, SceneError
+from ppmc.files import Provenance, check_output, read_voxels, write_particles
+from ppmc.orientation import orientation_tensor, to_six
+from ppmc.scene import Scene
+from ppmc.scene.charge import ChargeSection, CtOrientation
+
+# Second key of the random generator, so that stages that share the scene's seed draw different numbers.
+STAGE_NUMBER = 3
+
+
+def run(scene: Scene, *, input: Path | None = None, output: Path) -> Path:
+    """Fill the charge's domain with particles and write them.
+
+    Parameters
+    ----------
+    scene : Scene
+        With a section `charge`.
+    input : Path, optional
+        Orientations file; needed if, and read only if, ``charge.orientation.source`` is ``ct``.
+    output : Path
+        Charge file to write.
+
+    Returns
+    -------
+    Path
+        The charge file.
+
+    Raises
+    ------
+    SceneError
+        If the section does not describe a charge, or particles are left without orientation.
+    InputFileError
+        If an input is missing or broken.
+    StorageError
+        If the output cannot be written.
+    """
+    section: ChargeSection = scene.require("charge")
+    inputs = _inputs(scene, section, input)
+    check_output(output, inputs)
+    lattice = lattice_of(section, scene.directory)
+    generator = np.random.default_rng([scene.seed, STAGE_NUMBER])
+    frames = _frames(section, lattice, generator, inputs)
+    provenance = Provenance.collect(
+        creator="ppmc.charge", scene=scene, sections=("charge",), inputs=inputs, seed=scene.seed
+    )
+    write_particles(
+        output, "charge", lattice.positions, _fields(lattice, frames), provenance=provenance,
+        extra=summary(lattice, frames),
+    )  # fmt: skip
+    return output
+
+
+def summary(lattice: Lattice, frames: Frames) -> dict[str, Any]:
+    """Return the figures stored beside the particles, and printed: lattice, totals, orientation tensors, notes."""
+    return {
+        "spacing": list(lattice.spacing),
+        "layers": lattice.shape[0],
+        "lattice_shape": list(lattice.shape),
+        "total_volume": float(lattice.volumes.sum()),
+        "volume_scale": lattice.volume_scale,
+        "fibre_tensor": to_six(orientation_tensor(frames.fibre_direction, lattice.volumes)).tolist(),
+        "normal_tensor": to_six(orientation_tensor(frames.platelet_normal, lattice.volumes)).tolist(),
+        **frames.notes,
+    }
+
+
+def _inputs(scene: Scene, section: ChargeSection, orientations: Path | None) -> list[Path]:
+    """Return the files that the charge is made from: orientations first, then true platelet ids."""
+    choice = section.orientation
+    if not isinstance(choice, CtOrientation):
+        return []
+    if orientations is None:
+        raise SceneError(
+            "charge.orientation.source is 'ct', which needs an orientations file: give --input, or run `ppmc ct` first"
+        )
+    if not Path(orientations).is_file():
+        raise InputFileError(f"{orientations}: no such orientations file; make it with `ppmc ct`")
+    return [Path(orientations)] + ([scene.locate(choice.platelet_ids)] if choice.platelet_ids else [])
+
+
+def _frames(section: ChargeSection, lattice: Lattice, generator: np.random.Generator, inputs: list[Path]) -> Frames:
+    """Return the frames of all particles, from a file or from the scene alone."""
+    choice = section.orientation
+    if not isinstance(choice, CtOrientation):
+        return frames_of(choice, lattice, generator)
+    with read_voxels(inputs[0], "orientations") as source:
+        if len(inputs) == 1:
+            return frames_from_ct(choice, source, lattice.positions, lattice.spacing, generator, name=str(inputs[0]))
+        with read_voxels(inputs[1], "volume") as truth:
+            if "platelet_id" not in truth.names:
+                raise InputFileError(
+                    f"{inputs[1]}: no dataset 'platelet_id'; charge.orientation.platelet_ids wants a phantom's volume"
+                )
+            return frames_from_ct(
+                choice, source, lattice.positions, lattice.spacing, generator, truth, name=str(inputs[0])
+            )
+
+
+def _fields(lattice: Lattice, frames: Frames) -> dict[str, np.ndarray]:
+    """Return the arrays of the charge file."""
+    return {
+        "fibre_direction": frames.fibre_direction,
+        "in_plane_direction": frames.in_plane_direction,
+        "platelet_normal": frames.platelet_normal,
+        "volume": lattice.volumes,
+        "platelet_id": frames.platelet_id,
+        "region_id": frames.region_id,
+        "confidence": frames.confidence,
+        "orientation_source": frames.source,
+    }

@@ -1,0 +1,158 @@
+"""Scene section `charge`: where the material lies before moulding, in how many particles, and how its fibres point."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
+
+from ppmc.scene.base import Section
+from ppmc.scene.units import Angle, Direction, Length, LengthVector, PositiveLength, PositiveLengthVector
+
+
+def _same_for_all_axes(value: Any) -> Any:
+    """Let one spacing stand for all three axes."""
+    return value if isinstance(value, list | tuple) else (value, value, value)
+
+
+if TYPE_CHECKING:
+    Spacing = tuple[float, float, float]
+else:
+    Spacing = Annotated[
+        PositiveLengthVector,
+        BeforeValidator(_same_for_all_axes),
+        WithJsonSchema({
+            "anyOf": [{"type": "number"}, {"type": "string"}, {"type": "array", "minItems": 3, "maxItems": 3}],
+            "description": "one length for all axes, or three lengths for x1, x2, x3",
+        }),
+    ]  # fmt: skip
+
+
+class BoxDomain(Section):
+    """A box with edges along the axes."""
+
+    shape: Literal["box"] = "box"
+    origin: LengthVector = (0.0, 0.0, 0.0)
+    """Corner of least x1, x2, x3."""
+    size: PositiveLengthVector = Field(examples=[["93.5 mm", "34 mm", "6 mm"]])
+    """Edge lengths."""
+
+
+class CylinderDomain(Section):
+    """An upright cylinder, axis along x3: the charge of a disk."""
+
+    shape: Literal["cylinder"] = "cylinder"
+    centre: LengthVector = (0.0, 0.0, 0.0)
+    """Centre of the lower end face."""
+    radius: PositiveLength = Field(examples=["30 mm"])
+    """Radius."""
+    height: PositiveLength = Field(examples=["4 mm"])
+    """Height along x3."""
+
+
+class ExtrusionDomain(Section):
+    """A polygon in the x1-x2 plane, drawn up along x3."""
+
+    shape: Literal["extrusion"] = "extrusion"
+    outline: list[tuple[Length, Length]] = Field(min_length=3, max_length=10_000)
+    """Corners (x1, x2) of the polygon in order, without repeating the first; edges must not cross."""
+    base: Length = 0.0
+    """x3 of the lower face."""
+    height: PositiveLength = Field(examples=["6 mm"])
+    """Height along x3."""
+
+
+class SurfaceDomain(Section):
+    """The inside of a closed surface from a file."""
+
+    shape: Literal["surface"] = "surface"
+    file: Path = Field(examples=["charge.stl"])
+    """STL, OBJ, PLY or VTU file, relative to the scene; must be closed."""
+    unit: Literal["mm", "m", "cm", "um", "inch"] = "mm"
+    """Unit of the file's coordinates."""
+
+
+Domain = Annotated[BoxDomain | CylinderDomain | ExtrusionDomain | SurfaceDomain, Field(discriminator="shape")]
+
+
+class UniformOrientation(Section):
+    """The same direction everywhere: a collimated charge."""
+
+    source: Literal["uniform"] = "uniform"
+    fibre_direction: Direction = (1.0, 0.0, 0.0)
+    """Fibre direction p."""
+    platelet_normal: Direction = (0.0, 0.0, 1.0)
+    """Platelet normal r, perpendicular to p."""
+
+    @model_validator(mode="after")
+    def _perpendicular(self) -> UniformOrientation:
+        along = sum(a * b for a, b in zip(self.fibre_direction, self.platelet_normal, strict=True))
+        if abs(along) > 1e-6:
+            raise ValueError(
+                "fibre_direction and platelet_normal must be perpendicular: fibres lie in the platelet's plane "
+                f"(their dot product is {along:.3g}); for fibres along x3 give for example platelet_normal: [1, 0, 0]"
+            )
+        return self
+
+
+class PlanarRandomOrientation(Section):
+    """A direction for each particle, drawn uniformly in the plane across a normal."""
+
+    source: Literal["planar_random"] = "planar_random"
+    normal: Direction = (0.0, 0.0, 1.0)
+    """Normal r of the plane that holds the fibres."""
+
+
+class NearestOrientation(Section):
+    """The nearest voxel with data, however far away it is."""
+
+    source: Literal["nearest"] = "nearest"
+
+
+class Turn(Section):
+    """A rotation about an axis through the origin, right-handed."""
+
+    axis: Direction
+    """Axis of rotation."""
+    angle: Angle
+    """Angle of rotation."""
+
+
+class CtOrientation(Section):
+    """Directions of the nearest voxel of an orientations file; never interpolated."""
+
+    source: Literal["ct"] = "ct"
+    confidence: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Voxels of lower confidence count as having no data."""
+    search_radius: PositiveLength | None = None
+    """How far the voxel may lie from the particle; the largest lattice spacing if left out."""
+    fallback: (
+        Annotated[UniformOrientation | PlanarRandomOrientation | NearestOrientation, Field(discriminator="source")]
+        | None
+    ) = None
+    """What particles without data get; if left out, a charge with such particles is refused."""
+    rotation: Turn | None = None
+    """Turns CT coordinates into the directions of tool coordinates, before the translation."""
+    translation: LengthVector = (0.0, 0.0, 0.0)
+    """Shift from (turned) CT coordinates to tool coordinates."""
+    platelet_ids: Path | None = None
+    """Volume file that holds the true `platelet_id` of every voxel (a phantom's), relative to the scene."""
+
+
+OrientationSource = Annotated[
+    CtOrientation | UniformOrientation | PlanarRandomOrientation, Field(discriminator="source")
+]
+
+
+class ChargeSection(Section):
+    """Particles of the charge and their initial orientations."""
+
+    domain: Domain
+    """Space that the charge fills before moulding."""
+    spacing: Spacing = Field(examples=["0.5 mm"])
+    """Distance between particles, one or one per axis; adjusted so that a whole number fits the domain."""
+    layers: int | None = Field(default=None, ge=1, le=100_000, examples=[12])
+    """Number of particle layers along x3; takes the place of the third spacing."""
+    orientation: OrientationSource
+    """Where fibre directions and platelet normals come from."""
