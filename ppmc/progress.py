@@ -84,8 +84,9 @@ class Progress:
             self._last_share, self._last_time = share, now
             elapsed = now - self._start
             eta = _clock(elapsed * (1.0 - share) / share) if 0.0 < share <= 1.0 else "?"
-            text = f"{self.title}: {done:.6g}/{self.total:.6g} {self.unit} ({share:.0%}) elapsed {_clock(elapsed)} ETA {eta}"
-            print(f"{text} {note}".rstrip(), file=sys.stderr, flush=True)
+            count = f"{done:.6g}/{self.total:.6g} {self.unit} ({share:.0%})"
+            text = f"{self.title}: {count} elapsed {_clock(elapsed)} ETA {eta} {note}"
+            print(text.rstrip(), file=sys.stderr, flush=True)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

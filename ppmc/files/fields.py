@@ -69,11 +69,14 @@ def _region(name: str, dtype: str, components: int, unit: str, doc: str, **rest:
     return Field(name, dtype, components, unit, doc, "region", **rest)  # type: ignore[arg-type]
 
 
+_OPTIONAL: dict[str, object] = {"required": False}
+_TRUTH: dict[str, object] = {"check": "unit_or_zero", "required": False}
+
 VOLUME = (
     _voxel("grey", "grey", 1, "1", "grey value of the CT volume"),
     _voxel("mask", "u1", 1, "1", "1 inside the specimen, 0 outside", required=False),
-    _voxel("fibre_direction", "f4", 3, "1", "true fibre direction p; zero in resin and voids", check="unit_or_zero", required=False),
-    _voxel("platelet_normal", "f4", 3, "1", "true platelet normal r; zero in resin and voids", check="unit_or_zero", required=False),
+    _voxel("fibre_direction", "f4", 3, "1", "true fibre direction p; zero in resin and voids", **_TRUTH),
+    _voxel("platelet_normal", "f4", 3, "1", "true platelet normal r; zero in resin and voids", **_TRUTH),
     _voxel("platelet_id", "i4", 1, "1", "platelet that fills the voxel; -1 in resin and voids", required=False),
 )  # fmt: skip
 
@@ -95,7 +98,7 @@ CHARGE = (
     _particle("platelet_id", "i8", 1, "1", "platelet that the particle belongs to; -1 for none"),
     _particle("region_id", "i4", 1, "1", "region that gave the orientation; -1 for none", required=False),
     _particle("confidence", "f8", 1, "1", "confidence of the mapped orientation, 0 to 1", required=False),
-    _particle("orientation_source", "i4", 1, "1", "0 default, 1 CT, 2 random, 3 regional, 4 draped, 5 given", required=False),
+    _particle("orientation_source", "i4", 1, "1", "0 default, 1 CT, 2 random, 3 region, 4 drape, 5 given", **_OPTIONAL),
 )  # fmt: skip
 
 FLOW = (

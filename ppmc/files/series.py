@@ -390,7 +390,7 @@ def open_series(path: Path, product: str) -> Iterator[SeriesFile]:
                 if dataset.shape[0] < frames * n:
                     raise InputFileError(f"{path}: {dataset.name} has {dataset.shape[0]} rows, needs {frames * n}")
                 names.append(spec.name)
-        own = file["ppmc"] if "ppmc" in file else {}
+        own = file.get("ppmc", {})
         yield SeriesFile(
             path=path,
             product=product,

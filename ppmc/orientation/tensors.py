@@ -47,10 +47,7 @@ def orientation_tensor4(directions: Array, weights: Array | None = None) -> Arra
 def _weighted(directions: Array, weights: Array | None) -> tuple[Array, Array]:
     """Return directions as float64 and weights that sum to one."""
     v = np.asarray(directions, dtype=np.float64).reshape(-1, 3)
-    if weights is None:
-        w = np.ones(len(v))
-    else:
-        w = np.asarray(weights, dtype=np.float64).reshape(-1)
+    w = np.ones(len(v)) if weights is None else np.asarray(weights, dtype=np.float64).reshape(-1)
     return v, w / w.sum() if len(w) else w
 
 

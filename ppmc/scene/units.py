@@ -39,37 +39,39 @@ def to_base(value: Any, unit: str) -> float:
     PydanticCustomError
         If the text is no quantity, or has another dimension.
     """
-    if isinstance(value, bool):
-        raise PydanticCustomError("unit", "expected a number or a quantity such as '1 {unit}', got {value}", {
-            "unit": unit or "(no unit)", "value": str(value).lower()})  # fmt: skip
-    if isinstance(value, int | float):
-        return float(value)
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        shown = str(value).lower() if isinstance(value, bool) else type(value).__name__
+        raise _refusal("expected a number or a quantity such as '1 {unit}', got {value}", shown, unit)
     if not isinstance(value, str):
-        raise PydanticCustomError("unit", "expected a number or a quantity such as '1 {unit}', got {kind}", {
-            "unit": unit, "kind": type(value).__name__})  # fmt: skip
+        return float(value)
     import pint
 
     try:
-        quantity = _registry().Quantity(value)
-        if quantity.dimensionless and unit and not _registry().Quantity(1, unit).dimensionless:
+        quantity: Any = _registry().Quantity(value)
+        if quantity.unitless:
             return float(quantity.magnitude)
-        return float(quantity.to(unit or "dimensionless").magnitude)
+        return float(quantity.to(unit).magnitude)
     except pint.DimensionalityError as error:
-        raise PydanticCustomError("unit", "'{value}' has the wrong dimension: expected {unit}, got {got}", {
-            "value": value, "unit": unit or "a plain number", "got": str(error.units1)})  # fmt: skip
+        message = f"'{{value}}' has the wrong dimension: expected {{unit}}, got {error.units1}"
+        raise _refusal(message, value, unit) from None
     except Exception:
-        raise PydanticCustomError("unit", "'{value}' is not a quantity; write for example '1 {unit}'", {
-            "value": value, "unit": unit})  # fmt: skip
+        # pint passes on whatever its tokenizer and evaluator stumble over.
+        raise _refusal("'{value}' is not a quantity; write for example '1 {unit}'", value, unit) from None
 
 
-def _quantity(unit: str, **bounds: float) -> Any:
+def _refusal(message: str, value: str, unit: str) -> PydanticCustomError:
+    """Return the error of one bad quantity."""
+    return PydanticCustomError("unit", message, {"value": value, "unit": unit})
+
+
+def _quantity(unit: str, **bounds: Any) -> Any:
     """Return the annotated float type of a quantity in `unit`."""
     low = "".join(f", {k} {v}" for k, v in bounds.items())
     schema: dict[str, Any] = {
         "anyOf": [{"type": "number"}, {"type": "string"}],
         "description": f"number in {unit} or text with a unit{low}",
     }
-    return Annotated[float, BeforeValidator(lambda v: to_base(v, unit)), Field(**bounds), WithJsonSchema(schema)]  # type: ignore[arg-type]
+    return Annotated[float, BeforeValidator(lambda v: to_base(v, unit)), Field(**bounds), WithJsonSchema(schema)]
 
 
 if TYPE_CHECKING:

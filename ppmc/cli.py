@@ -1,0 +1,171 @@
+"""The ``ppmc`` command: stages mounted lazily, errors as one message with their exit code."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import App, CycloptsError, Parameter
+
+from ppmc import __version__
+from ppmc.errors import PpmcError
+
+USAGE_ERROR = 2
+INTERRUPTED = 130
+
+app = App(
+    name="ppmc",
+    help="""Predict fibre orientation in compression-moulded prepreg platelets.
+
+Four stages exchange files: ct (CT volume to orientations), charge (particles), solve (moulding flow) and analyze
+(tensors, figures, report). A scene, one YAML file, describes them all; `ppmc run SCENE` walks the chain. Units are
+mm, s, g, Pa; scenes may write "6 mm" or "1.31 GPa". Exit codes: 0 done, 2 usage or scene, 3 bad input file,
+4 numerical failure, 5 storage, 75 stopped with a checkpoint, 130 Ctrl-C.""",
+    version=f"ppmc {__version__}",
+    help_format="markdown",
+    suppress_keyboard_interrupt=False,
+)
+
+app.command("ppmc.ct.cli:phantom_app", name="phantom", help="Make a synthetic CT volume with known orientations.")
+app.command("ppmc.ct.cli:app", name="ct", help="Measure fibre directions and platelet normals in a CT volume.")
+app.command("ppmc.charge.cli:app", name="charge", help="Fill the charge with particles and give each its frame.")
+app.command("ppmc.solver.cli:app", name="solve", help="Simulate the moulding flow.")
+app.command("ppmc.analysis.cli:app", name="analyze", help="Average tensors, draw figures, write the report.")
+
+
+@app.command
+def run(
+    scene: Path,
+    *,
+    workdir: Path | None = None,
+    force: bool = False,
+    until: str | None = None,
+) -> None:
+    """Walk the whole chain of a scene; stages whose inputs and section are unchanged are skipped.
+
+    Parameters
+    ----------
+    scene : Path
+        Scene file (YAML).
+    workdir : Path, optional
+        Folder of the results; default runs/<scene name>.
+    force : bool
+        Run every stage anew, even if nothing changed.
+    until : str, optional
+        Last stage to run: phantom, ct, charge, solve or analyze; default all.
+
+    Examples
+    --------
+    ppmc run configs/demo.yaml
+
+    ppmc run configs/squeeze.yaml --workdir results/squeeze --force
+    """
+    from ppmc.chain import run_chain
+    from ppmc.scene import load_scene
+
+    run_chain(load_scene(scene), workdir=workdir, force=force, until=until)
+
+
+@app.command
+def info(file: Path, /) -> None:
+    """Explain a ppmc file: what it holds, units, times, and where it comes from.
+
+    Parameters
+    ----------
+    file : Path
+        Any .vtkhdf file that a stage wrote, or a checkpoint.
+
+    Examples
+    --------
+    ppmc info runs/demo/flow.vtkhdf
+    """
+    from ppmc.files.describe import describe_file
+
+    print(describe_file(file))
+
+
+@app.command
+def check(path: Path, /) -> None:
+    """Check a scene (schema and physics) or a file (every value and digest); nothing is changed.
+
+    Parameters
+    ----------
+    path : Path
+        A scene (.yaml, .yml) or a ppmc file.
+
+    Examples
+    --------
+    ppmc check configs/demo.yaml
+
+    ppmc check runs/demo/charge.vtkhdf
+    """
+    if path.suffix in (".yaml", ".yml"):
+        from ppmc.chain import check_scene
+        from ppmc.scene import load_scene
+
+        print("\n".join(check_scene(load_scene(path))))
+    else:
+        from ppmc.files.describe import verify_file
+
+        lines = verify_file(path)
+        print("\n".join(lines))
+        print(f"{path}: sound, {len(lines)} datasets verified")
+
+
+@app.command
+def schema(*, output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None) -> None:
+    """Print the JSON schema of scenes, with which editors complete and check them.
+
+    Parameters
+    ----------
+    output : Path, optional
+        File to write; default standard output.
+
+    Examples
+    --------
+    ppmc schema --output configs/schema/scene.schema.json
+    """
+    from ppmc.scene import scene_json_schema
+
+    text = json.dumps(scene_json_schema(), indent=1) + "\n"
+    if output is None:
+        print(text, end="")
+        return
+    from ppmc.files.storage import check_output, whole_file
+
+    check_output(output)
+    with whole_file(output) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line and leave with its exit code."""
+    sys.exit(_run(arguments))
+
+
+def _run(arguments: list[str] | None) -> int:
+    """Return the exit code of a command line."""
+    try:
+        result: Any = app(arguments, exit_on_error=False, result_action="return_value")
+        sys.stdout.flush()
+        return result if isinstance(result, int) else 0
+    except CycloptsError:
+        return USAGE_ERROR  # cyclopts has printed it
+    except PpmcError as error:
+        print(f"ppmc: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("ppmc: interrupted; nothing half-written was left", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader of a pipe (head, less) went away: not an error of ours.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
+
+
+if __name__ == "__main__":
+    main()

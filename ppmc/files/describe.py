@@ -1,0 +1,188 @@
+"""What a file holds, in words: the text of ``ppmc info``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from ppmc.files.fields import FIELDS, MADE_BY, UNITS
+from ppmc.files.guard import check_values, dataset_of, group_of, open_guarded
+from ppmc.files.provenance import Provenance
+from ppmc.files.vtkhdf import digest
+
+SUMMARY_VALUES = 2_000_000
+MEANING = {
+    "volume": "grey values of a CT volume, with the true orientations if a phantom made it",
+    "orientations": "fibre direction and platelet normal of each voxel of a CT volume",
+    "charge": "the particles before moulding, each with its platelet's frame",
+    "flow": "the particles through the moulding, a frame for each output time",
+    "analysis": "orientation tensors of regions and path slices, a point for each",
+    "checkpoint": "the exact state of an unfinished flow simulation, to resume from",
+}
+
+
+def describe_file(path: Path) -> str:
+    """Return a description of a ppmc file for someone who has never seen one.
+
+    Parameters
+    ----------
+    path : Path
+        Any file that a stage wrote.
+
+    Returns
+    -------
+    str
+        What it is, its fields as "name / unit: description" with ranges, times, and where it comes from.
+
+    Raises
+    ------
+    InputFileError
+        If the file is missing, damaged or not of ppmc.
+    """
+    path = Path(path)
+    with open_guarded(path, None) as file:
+        product = str(file["ppmc"].attrs["schema"])
+        lines = [
+            f"{path}",
+            f"  {product}: {MEANING.get(product, '')}",
+            f"  {_size(path.stat().st_size)}; units {UNITS}",
+        ]
+        if product in FIELDS:
+            lines += ["", *_shape(file, path, product), "", "Fields (name / unit: description)"]
+            lines += list(_fields(file, path, product))
+        lines += list(_tables(file))
+        lines += ["", *_origin(Provenance.load(file), product)]
+        if product in FIELDS:
+            lines += ["", "Open it in ParaView as it is, or in Python: pyvista.read(file) or ppmc.files"]
+    return "\n".join(lines)
+
+
+def _size(count: int) -> str:
+    """Return a byte count for people."""
+    return f"{count / 2**20:.1f} MiB" if count > 2**19 else f"{count / 2**10:.1f} KiB"
+
+
+def _shape(file: h5py.File, path: Path, product: str) -> list[str]:
+    """Return how many voxels, particles or regions, where, and at what times."""
+    root = group_of(file, "VTKHDF", path)
+    if product in ("volume", "orientations"):
+        x0, x1, y0, y1, z0, z1 = (int(v) for v in root.attrs["WholeExtent"])
+        counts = np.array([x1 - x0 + 1, y1 - y0 + 1, z1 - z0 + 1])
+        spacing, origin = np.asarray(root.attrs["Spacing"]), np.asarray(root.attrs["Origin"])
+        turned = (
+            "" if np.allclose(np.asarray(root.attrs["Direction"]), np.eye(3).ravel()) else ", axes turned (Direction)"
+        )
+        return [
+            f"{counts[0]} x {counts[1]} x {counts[2]} voxels (x, y, z) of {' x '.join(f'{s:g}' for s in spacing)} mm",
+            f"first voxel's centre at ({', '.join(f'{v:g}' for v in origin)}) mm{turned}",
+        ]
+    n = int(dataset_of(file, "VTKHDF/NumberOfPoints", path)[0])
+    points = dataset_of(file, "VTKHDF/Points", path)
+    what = "regions" if product == "analysis" else "particles"
+    lines = [f"{n:,} {what}"]
+    if "Steps" in root:
+        frames = int(root["Steps"].attrs["NSteps"])
+        times = dataset_of(file, "VTKHDF/Steps/Values", path)[:frames]
+        lines.append(f"{frames} frames from {times[0]:g} s to {times[-1]:g} s" if frames else "no frame yet")
+        if product == "flow" and "history" not in file["ppmc"]:
+            lines.append("still growing, or its run was stopped: 'ppmc solve' goes on with it")
+        spans = [("start", points[:n]), ("end", points[(frames - 1) * n : frames * n])] if frames else []
+    else:
+        spans = [("span", points[:n])]
+    for name, x in spans:
+        low, high = np.nanmin(x, axis=0), np.nanmax(x, axis=0)
+        lines.append(f"{name}: " + ", ".join(f"x{i + 1} {low[i]:.4g} to {high[i]:.4g}" for i in range(3)) + " mm")
+    return lines
+
+
+def _fields(file: h5py.File, path: Path, product: str) -> Iterator[str]:
+    """Yield a line for each field: name / unit: description, and the range of its last values."""
+    data = group_of(file, "VTKHDF/PointData", path)
+    for name in data:
+        dataset = dataset_of(file, f"VTKHDF/PointData/{name}", path)
+        unit, doc = dataset.attrs.get("unit", "?"), dataset.attrs.get("description", "")
+        yield f"  {name} / {unit}: {doc}{_range(dataset)}"
+
+
+def _range(dataset: h5py.Dataset) -> str:
+    """Return the range of a scalar field, or the number of components; the last part stands for large ones."""
+    if dataset.ndim > 1 and dataset.shape[-1] in (3, 6, 9):
+        return f" [{dataset.shape[-1]} components]"
+    rows = max(1, SUMMARY_VALUES // max(1, int(np.prod(dataset.shape[1:]))))
+    values = dataset[-rows:]
+    if values.dtype.kind == "f":
+        values = values[np.isfinite(values)]
+    if not values.size:
+        return " [no values]"
+    return f" [{values.min():.5g} to {values.max():.5g}]"
+
+
+def _tables(file: h5py.File) -> Iterator[str]:
+    """Yield what else the file holds: numbers of each frame, of each step, and facts about the whole."""
+    own = file["ppmc"]
+    if own.get("frames"):
+        yield f"Numbers of each frame: {', '.join(own['frames'])}"
+    if own.get("history"):
+        rows = next(iter(own["history"].values())).shape[0]
+        yield f"History of {rows} steps: {', '.join(own['history'])}"
+    if "extra" in own:
+        for key, value in json.loads(own["extra"].asstr()[()]).items():
+            text = json.dumps(value)
+            yield f"  {key} = {text if len(text) < 90 else text[:87] + '...'}"
+
+
+def _origin(origin: Provenance, product: str) -> list[str]:
+    """Return where the file comes from."""
+    lines = [f"Made by {MADE_BY.get(product, origin.creator)} ({origin.creator} {origin.ppmc_version})"]
+    if origin.scene:
+        lines.append(f"  scene '{origin.scene.get('name')}', stored whole in /ppmc/scene")
+    if origin.seed is not None:
+        lines.append(f"  seed {origin.seed}")
+    lines += [f"  from {name}, SHA-256 {value[:16]}..." for name, value in origin.inputs.items()]
+    if origin.packages:
+        lines.append("  with " + ", ".join(f"{k} {v}" for k, v in origin.packages.items()))
+    return lines
+
+
+def verify_file(path: Path) -> list[str]:
+    """Read a whole file and verify every value against contract and digest.
+
+    Returns
+    -------
+    list of str
+        A line for each dataset that was verified.
+
+    Raises
+    ------
+    InputFileError
+        At the first fault, naming the dataset.
+    """
+    from ppmc.errors import InputFileError
+
+    path = Path(path)
+    lines = []
+    with open_guarded(path, None) as file:
+        product = str(file["ppmc"].attrs["schema"])
+        specs = {f.name: f for f in FIELDS.get(product, ())}
+        root = "state" if product == "checkpoint" else "VTKHDF"
+        found: list[str] = []
+        group_of(file, root, path).visititems(lambda n, o: found.append(n) if isinstance(o, h5py.Dataset) else None)
+        for name in found:
+            dataset = dataset_of(file, f"{root}/{name}", path)
+            values: Any = dataset[()]
+            spec = specs.get(name.rsplit("/", 1)[-1])
+            if spec is not None and name.startswith("PointData/"):
+                check_values(values, spec, dataset.name, path)
+            stored = dataset.attrs.get("sha256")
+            if stored is not None and stored != digest(values):
+                raise InputFileError(
+                    f"{path}: {dataset.name} does not match its digest; the file was changed or damaged"
+                )
+            if stored is not None or spec is not None:
+                lines.append(f"{dataset.name}: {'values and digest' if stored else 'values'} verified")
+    return lines
