@@ -134,8 +134,8 @@ def box_lattice(
 
 
 def filled_lattice(
-    lower: Sequence[float],
-    upper: Sequence[float],
+    lower: Array,
+    upper: Array,
     volume: float,
     inside: Inside,
     spacing: Sequence[float],
@@ -147,7 +147,7 @@ def filled_lattice(
 
     Parameters
     ----------
-    lower, upper : three floats
+    lower, upper : ndarray, shape (3,)
         Bounding box of the shape, mm. The outermost cells touch it, so flat faces along the axes are met exactly.
     volume : float
         Exact volume of the shape, mm^3; every particle gets an equal share.
@@ -163,7 +163,6 @@ def filled_lattice(
     SceneError
         If no cell centre, or far too few or many, lie inside.
     """
-    lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
     size = upper - lower
     if not (np.isfinite(volume) and volume > 0):
         raise SceneError(f"charge.domain: {what} has the volume {volume:g} mm^3; it must be positive")

@@ -22,6 +22,8 @@ from ppmc.orientation import normalise
 Array = NDArray[np.floating]
 # A slab of one field stays below this many bytes; with the few fields read at a time the stage keeps well below 1 GiB.
 SLAB_BYTES = 64 * 2**20
+# Opening one more block costs about as much time as reading this many voxels.
+VOXELS_WORTH_A_READ = 50_000.0
 # Distances within this share of a voxel are ties, decided by the lower index.
 TIE = 1e-9
 
@@ -126,7 +128,7 @@ def nearest_valid_voxels(
     half_diagonal = 0.5 * float(np.linalg.norm(spacing)) * (1.0 + 1e-9)
     for reach in _reaches(half_diagonal, radius, index, counts, spacing):
         todo = np.flatnonzero(voxel[:, 0] < 0)
-        for block, members in _slabs(index[todo], reach / spacing, grid.shape, 6, slab_bytes):
+        for block, members in _blocks(index[todo], reach / spacing, grid.shape, 6, slab_bytes):
             mask = _valid_block(source, block, confidence)
             first = np.array([s.start for s in block], dtype=np.int64)
             chosen = todo[members]
@@ -139,12 +141,13 @@ def nearest_valid_voxels(
 def _reaches(
     half_diagonal: float, radius: float, index: Array, counts: NDArray[np.int64], spacing: Array
 ) -> list[float]:
-    """Return the growing search distances; without a bound, doubled until the whole volume is in reach."""
-    if np.isfinite(radius):
-        return sorted({half_diagonal, max(half_diagonal, radius)})
-    away = np.maximum(np.maximum(-index, index - counts), 0.0) * spacing
-    everything = float(np.linalg.norm(counts * spacing) + np.linalg.norm(away, axis=1).max(initial=0.0))
-    return [half_diagonal * 2.0**k for k in range(int(np.ceil(np.log2(everything / half_diagonal))) + 1)]
+    """Return search distances, doubled from half a voxel's diagonal to the radius, or to the whole volume if inf."""
+    if np.isinf(radius):
+        away = np.maximum(np.maximum(-index, index - counts), 0.0) * spacing
+        radius = float(np.linalg.norm(counts * spacing) + np.linalg.norm(away, axis=1).max(initial=0.0))
+    radius = max(radius, half_diagonal)
+    steps = int(np.ceil(np.log2(radius / half_diagonal)))
+    return [half_diagonal * 2.0**k for k in range(steps)] + [radius]
 
 
 def read_frames(
@@ -168,9 +171,8 @@ def read_frames(
     confidence : ndarray, shape (n,)
         1 if the source has none.
     """
-    p = read_voxels_at(source, "fibre_direction", voxel, slab_bytes)
-    r = read_voxels_at(source, "platelet_normal", voxel, slab_bytes)
-    p = normalise(p)
+    p = normalise(read_voxels_at(source, "fibre_direction", voxel, slab_bytes))
+    r: Array = read_voxels_at(source, "platelet_normal", voxel, slab_bytes)
     r = normalise(r - np.sum(r * p, axis=1, keepdims=True) * p)
     has = "confidence" in source.names
     return p, r, read_voxels_at(source, "confidence", voxel, slab_bytes) if has else np.ones(len(voxel))
@@ -195,6 +197,23 @@ def _valid_block(source: VoxelSource, block: tuple[slice, slice, slice], confide
     if confidence > 0.0:
         mask = mask * (np.asarray(source.read("confidence", block)) >= confidence).astype(np.uint8)
     return np.ascontiguousarray(mask)
+
+
+def _blocks(
+    index: NDArray[Any], margin: Array, shape: tuple[int, int, int], voxel_bytes: int, slab_bytes: int
+) -> Iterator[tuple[tuple[slice, slice, slice], NDArray[np.int64]]]:
+    """Yield blocks that hold the neighbourhoods of all points: slabs, or one small box a point where that reads less."""
+    slabs = list(_slabs(index, margin, shape, voxel_bytes, slab_bytes))
+    in_slabs = sum(float(np.prod([s.stop - s.start for s in block])) for block, _ in slabs)
+    box = float(np.prod(2.0 * np.ceil(margin) + 1.0)) + VOXELS_WORTH_A_READ
+    if box * len(index) >= in_slabs or box * voxel_bytes > slab_bytes:
+        yield from slabs
+        return
+    limits = np.array(shape[::-1])
+    low = np.clip(np.floor(index - margin).astype(np.int64), 0, limits - 1)
+    high = np.clip(np.ceil(index + margin).astype(np.int64), 0, limits - 1) + 1
+    for i, (a, b) in enumerate(zip(low.tolist(), high.tolist(), strict=True)):
+        yield (slice(a[2], b[2]), slice(a[1], b[1]), slice(a[0], b[0])), np.array([i])
 
 
 def _slabs(

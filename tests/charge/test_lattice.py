@@ -90,7 +90,7 @@ def test_layers_at_a_time_do_not_change_the_lattice():
     def ball(points):
         return np.sum(points**2, axis=1) < 1.0
 
-    lattice = filled_lattice((-1, -1, -1), (1, 1, 1), 4 / 3 * np.pi, ball, (0.0175, 0.0175, 0.0175))
+    lattice = filled_lattice(-np.ones(3), np.ones(3), 4 / 3 * np.pi, ball, (0.0175, 0.0175, 0.0175))
     k, j, i = np.meshgrid(*[(np.arange(n) + 0.5) * 2 / n - 1 for n in lattice.shape], indexing="ij")
     assert np.array_equal(lattice.cells, np.flatnonzero(k**2 + j**2 + i**2 < 1.0))
     assert abs(lattice.volume_scale - 1) < 2e-3
