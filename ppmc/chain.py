@@ -130,7 +130,14 @@ def is_current(link: Link, scene: Scene) -> bool:
     )
 
 
-def run_chain(scene: Scene, *, workdir: Path | None = None, force: bool = False, until: str | None = None) -> RunPaths:
+def run_chain(
+    scene: Scene,
+    *,
+    workdir: Path | None = None,
+    force: bool = False,
+    until: str | None = None,
+    only: str | None = None,
+) -> RunPaths:
     """Run every stage that a scene describes, but skip those whose output is current.
 
     Parameters
@@ -143,6 +150,8 @@ def run_chain(scene: Scene, *, workdir: Path | None = None, force: bool = False,
         Run all stages anew.
     until : str, optional
         Name of the last stage to run.
+    only : str, optional
+        Name of the one stage to run; the files it reads must be there.
 
     Returns
     -------
@@ -152,16 +161,21 @@ def run_chain(scene: Scene, *, workdir: Path | None = None, force: bool = False,
     Raises
     ------
     SceneError
-        If the scene has no stage, or none of the name `until`.
+        If the scene has no stage, or none of the name asked for.
     """
     paths = run_paths(scene, workdir)
     chain = list(links(scene, paths))
     names = [link.name for link in chain]
     if not chain:
         raise SceneError(f"scene '{scene.name}' describes no stage; give it a section such as 'charge:'")
-    if until is not None and until not in names:
-        raise SceneError(f"scene '{scene.name}' has no stage '{until}'; it has {', '.join(names)}")
-    for link in chain[: names.index(until) + 1 if until else None]:
+    for asked in (until, only):
+        if asked is not None and asked not in names:
+            raise SceneError(f"scene '{scene.name}' has no stage '{asked}'; it has {', '.join(names)}")
+    if only is not None:
+        chain = [link for link in chain if link.name == only]
+    elif until is not None:
+        chain = chain[: names.index(until) + 1]
+    for link in chain:
         if not force and is_current(link, scene):
             print(f"{link.name}: unchanged, {link.output} is kept", file=sys.stderr)
             continue

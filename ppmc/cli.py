@@ -44,6 +44,7 @@ def run(
     workdir: Path | None = None,
     force: bool = False,
     until: str | None = None,
+    only: str | None = None,
 ) -> None:
     """Walk the whole chain of a scene; stages whose inputs and section are unchanged are skipped.
 
@@ -57,6 +58,8 @@ def run(
         Run every stage anew, even if nothing changed.
     until : str, optional
         Last stage to run: phantom, ct, charge, solve or analyze; default all.
+    only : str, optional
+        The one stage to run; the files it reads must be there.
 
     Examples
     --------
@@ -67,7 +70,7 @@ def run(
     from ppmc.chain import run_chain
     from ppmc.scene import load_scene
 
-    run_chain(load_scene(scene), workdir=workdir, force=force, until=until)
+    run_chain(load_scene(scene), workdir=workdir, force=force, until=until, only=only)
 
 
 @app.command

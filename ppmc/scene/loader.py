@@ -67,7 +67,8 @@ def parse_scene(text: str, path: Path = Path("scene.yaml")) -> Scene:
     try:
         scene = Scene.model_validate(data)
     except ValidationError as error:
-        shown = [_explain(e, lines, path) for e in error.errors(include_url=False)]
+        # A value that stands for three axes is refused three times in the same words.
+        shown = list(dict.fromkeys(_explain(e, lines, path) for e in error.errors(include_url=False)))
         if len(shown) > MOST_ERRORS_SHOWN:
             shown[MOST_ERRORS_SHOWN:] = [f"... and {len(shown) - MOST_ERRORS_SHOWN} more problems"]
         raise SceneError("\n".join(shown)) from None
@@ -147,7 +148,8 @@ def _explain(error: Any, lines: dict[Location, int], path: Path) -> str:
         return f"{path}:{line}: {where}{last}: this key is required"
     message = error["msg"].removeprefix("Value error, ")
     value = error.get("input")
-    got = f" (got {value!r})" if isinstance(value, str | int | float | bool) and repr(value) not in message else ""
+    told = not isinstance(value, str | int | float) or str(value).lower() in message.lower()
+    got = "" if told else f" (got {value!r})"
     return f"{path}:{line}: {name or 'scene'}: {message}{got}"
 
 
