@@ -287,8 +287,8 @@ class MeshTool(ToolBase):
     """Kind of tool."""
     file: Path = Field(examples=["tools/ram.stl"])
     """STL, OBJ, PLY or VTU file, relative to the scene."""
-    unit: Literal["mm", "m", "cm", "um", "inch"] = Field(default="mm", examples=["mm"])
-    """Unit of the file's coordinates."""
+    unit: Literal["mm", "m", "cm", "um", "inch"] | None = Field(default=None, examples=["mm"])
+    """Unit of the file's coordinates; without it mm is taken and an implausible size is refused."""
     scale: float = Field(default=1.0, gt=0)
     """Further factor on the coordinates."""
     origin: LengthVector = Field(default=(0.0, 0.0, 0.0), examples=[[0, 0, 0]])
