@@ -202,7 +202,7 @@ def _valid_block(source: VoxelSource, block: tuple[slice, slice, slice], confide
 def _blocks(
     index: NDArray[Any], margin: Array, shape: tuple[int, int, int], voxel_bytes: int, slab_bytes: int
 ) -> Iterator[tuple[tuple[slice, slice, slice], NDArray[np.int64]]]:
-    """Yield blocks that hold the neighbourhoods of all points: slabs, or one small box a point where that reads less."""
+    """Yield blocks that hold all points' neighbourhoods: slabs, or a small box a point where that reads less."""
     slabs = list(_slabs(index, margin, shape, voxel_bytes, slab_bytes))
     in_slabs = sum(float(np.prod([s.stop - s.start for s in block])) for block, _ in slabs)
     box = float(np.prod(2.0 * np.ceil(margin) + 1.0)) + VOXELS_WORTH_A_READ

@@ -7,7 +7,13 @@ import numpy as np
 from ppmc.charge.directions import planar_random, uniform_frames
 from ppmc.charge.frames import GIVEN, RANDOM, Frames
 from ppmc.charge.lattice import Lattice
-from ppmc.scene.charge import OrientationSource, PlanarRandomOrientation, UniformOrientation
+from ppmc.charge.platelets import random_platelets
+from ppmc.scene.charge import (
+    OrientationSource,
+    PlanarRandomOrientation,
+    PlateletsOrientation,
+    UniformOrientation,
+)
 
 
 def frames_of(section: OrientationSource, lattice: Lattice, generator: np.random.Generator) -> Frames:
@@ -33,4 +39,6 @@ def frames_of(section: OrientationSource, lattice: Lattice, generator: np.random
     if isinstance(section, PlanarRandomOrientation):
         r = np.tile(np.asarray(section.normal, dtype=float), (lattice.n, 1))
         return Frames.of(planar_random(r, generator), r, RANDOM)
+    if isinstance(section, PlateletsOrientation):
+        return random_platelets(section, lattice, generator)
     raise TypeError(f"orientation source {type(section).__name__} needs a file")

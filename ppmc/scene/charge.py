@@ -5,10 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
 from ppmc.scene.base import Section
-from ppmc.scene.units import Angle, Direction, Length, LengthVector, PositiveLength, PositiveLengthVector
+from ppmc.scene.units import (
+    Angle,
+    Direction,
+    Length,
+    LengthVector,
+    NonNegativeAngle,
+    PositiveLength,
+    PositiveLengthVector,
+)
 
 
 def _same_for_all_axes(value: Any) -> Any:
@@ -140,8 +148,77 @@ class CtOrientation(Section):
     """Volume file that holds the true `platelet_id` of every voxel (a phantom's), relative to the scene."""
 
 
+class NormalSizes(Section):
+    """Sizes drawn from a normal distribution, redrawn below a tenth of the mean and above twice the mean."""
+
+    mean: PositiveLength = Field(examples=["12.7 mm"])
+    """Mean."""
+    deviation: PositiveLength = Field(examples=["1 mm"])
+    """Standard deviation."""
+
+
+class ListedSizes(Section):
+    """A mixture of given sizes."""
+
+    values: list[PositiveLength] = Field(min_length=1, max_length=1000, examples=[["12.7 mm", "25.4 mm"]])
+    """The sizes."""
+    shares: list[Annotated[float, Field(gt=0)]] | None = None
+    """Share of the number of platelets that has each size, in any scale; equal if left out."""
+
+    @model_validator(mode="after")
+    def _one_share_each(self) -> ListedSizes:
+        if self.shares is not None and len(self.shares) != len(self.values):
+            raise ValueError(f"`shares` has {len(self.shares)} entries for {len(self.values)} `values`; give one each")
+        return self
+
+
+def _size_kind(value: Any) -> str:
+    """Return which way of giving sizes is meant."""
+    keys = value if isinstance(value, dict) else getattr(value, "__pydantic_fields__", {})
+    return "listed" if "values" in keys or "shares" in keys else "normal" if keys else "fixed"
+
+
+Sizes = Annotated[
+    Annotated[PositiveLength, Tag("fixed")]
+    | Annotated[NormalSizes, Tag("normal")]
+    | Annotated[ListedSizes, Tag("listed")],
+    Discriminator(_size_kind),
+]
+
+
+class OnEdge(Section):
+    """Platelets that stand on edge along the side walls, their normals across the wall (seen in J, Figs 7 and 9)."""
+
+    share: float = Field(gt=0.0, le=1.0)
+    """Share of the wall layer that they take."""
+    depth: PositiveLength | None = None
+    """Thickness of the wall layer; one particle if left out."""
+
+
+class PlateletsOrientation(Section):
+    """Platelets laid at random, layer by layer, by the papers' five steps (A, section 4)."""
+
+    source: Literal["platelets"] = "platelets"
+    length: Sizes = Field(examples=["12.7 mm"])
+    """Platelet length along the fibres: one length, `{mean, deviation}` or `{values, shares}`."""
+    width: Sizes = Field(examples=["12.7 mm"])
+    """Platelet width across the fibres, given as the length."""
+    thickness: PositiveLength | None = Field(default=None, examples=["0.14 mm"])
+    """Platelet thickness; a platelet spans as many particle layers as fit it, one at least. One if left out."""
+    wall_softness: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Share of its area that a platelet may lose beyond a wall: 0 keeps to the walls, 1 ignores them."""
+    attempts: int = Field(default=1000, ge=1, le=10_000_000)
+    """Failures in a row after which incomplete platelets are allowed."""
+    pitch: NonNegativeAngle = 0.0
+    """Standard deviation of the angle by which fibres leave the layer's plane."""
+    roll: NonNegativeAngle = 0.0
+    """Standard deviation of the angle by which platelets turn about their fibres."""
+    on_edge: OnEdge | None = None
+    """Platelets standing on edge at the side walls; none if left out."""
+
+
 OrientationSource = Annotated[
-    CtOrientation | UniformOrientation | PlanarRandomOrientation, Field(discriminator="source")
+    CtOrientation | UniformOrientation | PlanarRandomOrientation | PlateletsOrientation, Field(discriminator="source")
 ]
 
 

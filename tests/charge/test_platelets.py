@@ -1,0 +1,195 @@
+"""Random platelets: the five steps, walls, tilt, and the papers' statistics."""
+
+import numpy as np
+import pytest
+
+from ppmc.charge import five_step, random_numbers
+from ppmc.charge.five_step import COMPLETE, CUT_BY_WALL, FREE, INCOMPLETE, OUTSIDE, collect_cells, fill_layer
+from ppmc.charge.lattice import box_lattice, filled_lattice
+from ppmc.charge.orient import frames_of
+from ppmc.charge.platelets import draw_sizes, random_platelets, tilted
+from ppmc.errors import SceneError
+from ppmc.orientation import angle_between_axes, orientation_tensor
+from ppmc.scene.charge import ListedSizes, NormalSizes, PlateletsOrientation
+
+BRACKET = ((0.0, 0.0, 0.0), (93.5, 34.0, 6.0), (0.5, 0.5, 0.5))
+
+
+def platelets(lattice, seed=0, **keys):
+    section = PlateletsOrientation.model_validate({"length": 12.7, "width": 12.7, **keys})
+    return frames_of(section, lattice, np.random.default_rng([seed, 3]))
+
+
+def test_generator_gives_the_reference_numbers_and_even_shares():
+    state = np.array([1234567], dtype=np.uint64)
+    # First numbers of SplitMix64 from this seed, as published with the reference implementation.
+    expected = [6457827717110365317, 3203168211198807973, 9817491932198370423, 4593380528125082431]
+    assert [int(random_numbers.next_bits(state)) for _ in range(4)] == expected
+    draws = np.array([random_numbers.next_below(state, 7) for _ in range(70_000)])
+    assert np.abs(np.bincount(draws, minlength=7) - 10_000).max() < 500
+
+
+def layer(nx=60, ny=40):
+    return np.full((ny, nx), FREE, dtype=np.int64)
+
+
+def box_clearance(nx, ny, dx, dy):
+    x, y = (np.arange(nx) + 0.5) * dx, (np.arange(ny) + 0.5) * dy
+    return np.minimum(np.minimum(x, nx * dx - x)[None, :], np.minimum(y, ny * dy - y)[:, None])
+
+
+def cells_of(shape, j0, i0, length, width, angle, dx, dy):
+    """Return the mask of cells in a rectangle, the plain way: the twin of `collect_cells`."""
+    j, i = np.indices(shape)
+    x, y = (i - i0) * dx, (j - j0) * dy
+    u, v = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
+    return (np.abs(u) <= length / 2) & (np.abs(v) <= width / 2)
+
+
+def test_collected_cells_equal_the_plain_ones():
+    generator = np.random.default_rng(4)
+    buffer = np.empty(10_000, np.int64)
+    for _ in range(200):
+        owner = layer()
+        owner[generator.random(owner.shape) < 0.01] = 5
+        owner[:, 50:] = OUTSIDE
+        j0, i0 = generator.integers(0, 40), generator.integers(0, 50)
+        owner[j0, i0] = FREE
+        length, width, angle = generator.uniform(0.3, 8), generator.uniform(0.3, 8), generator.uniform(0, np.pi)
+        mask = cells_of(owner.shape, j0, i0, length, width, angle, 0.5, 0.4)
+        n, blocked = collect_cells(owner, 0.5, 0.4, j0, i0, length, width, np.cos(angle), np.sin(angle), buffer)
+        assert np.array_equal(np.sort(buffer[:n]), np.flatnonzero(mask & (owner == FREE)))
+        assert blocked == np.any(mask & (owner >= 0))
+
+
+def test_overhang_of_a_platelet_astride_a_wall():
+    owner = layer()
+    for angle, share in ((0.0, 4 / 9), (np.pi / 2, 4 / 9)):
+        out = five_step.overhang(owner, 0.5, 0.5, 0, 30, 5.0, 5.0, np.cos(angle), np.sin(angle))
+        assert out == pytest.approx(share)
+    assert five_step.overhang(owner, 0.5, 0.5, 20, 30, 5.0, 5.0, 1.0, 0.0) == 0.0
+
+
+def test_a_layer_has_no_gap_and_complete_platelets_have_every_cell():
+    owner = layer(120, 80)
+    state = np.array([7], dtype=np.uint64)
+    clearance = box_clearance(120, 80, 0.5, 0.5)
+    sizes = np.full(owner.size, 6.0), np.full(owner.size, 3.0)
+    angles, kinds = fill_layer(owner, clearance, 0.5, 0.5, *sizes, 0.0, 500, 100, state)
+    counts = np.bincount(owner.ravel() - 100)
+    assert owner.min() == 100 and len(counts) == len(angles) == len(kinds) and counts.min() >= 1
+    assert {COMPLETE, INCOMPLETE} <= set(kinds.tolist())
+    for k in np.flatnonzero(kinds == COMPLETE):
+        j, i = np.nonzero(owner == 100 + k)
+        # The rectangle is symmetric about the cell it began at, and a complete one kept all its cells.
+        assert cells_of(owner.shape, j.mean(), i.mean(), 6.0, 3.0, angles[k], 0.5, 0.5).sum() == len(j)
+    hard = np.isin(owner - 100, np.flatnonzero(kinds == CUT_BY_WALL))
+    assert hard.mean() < 0.2
+
+
+def test_layers_may_have_any_outline():
+    def ring(points):
+        r = np.hypot(points[:, 0], points[:, 1])
+        return (r < 20) & (r > 8)
+
+    lattice = filled_lattice(
+        np.array([-20.0, -20, 0]), np.array([20.0, 20, 2]), np.pi * (400 - 64) * 2, ring, (0.5, 0.5, 0.5)
+    )
+    frames = platelets(lattice, length=8, width=4, on_edge={"share": 0.5})
+    ids = frames.platelet_id
+    assert ids.min() == 0 and np.array_equal(np.unique(ids), np.arange(frames.notes["platelets"]))
+    assert np.abs(np.sum(frames.fibre_direction * frames.platelet_normal, axis=1)).max() < 1e-12
+    standing = np.abs(frames.platelet_normal[:, 2]) < 0.5
+    radius = np.hypot(lattice.positions[:, 0], lattice.positions[:, 1])
+    assert standing.any() and np.all((radius[standing] > 19) | (radius[standing] < 9))
+    outward = lattice.positions[standing] * [1, 1, 0]
+    assert np.median(angle_between_axes(frames.platelet_normal[standing], outward)) < 15
+
+
+def test_seeds_repeat_and_differ():
+    lattice = box_lattice((0, 0, 0), (40, 20, 2), (0.5, 0.5, 0.5))
+    keys = {"on_edge": {"share": 0.3}, "pitch": 5, "roll": 5, "length": {"mean": 8, "deviation": 1}}
+    one, again, other = (platelets(lattice, s, **keys) for s in (1, 1, 2))
+    assert np.array_equal(one.fibre_direction, again.fibre_direction)
+    assert np.array_equal(one.platelet_normal, again.platelet_normal)
+    assert np.array_equal(one.platelet_id, again.platelet_id)
+    assert not np.array_equal(one.platelet_id, other.platelet_id)
+
+
+def test_one_platelet_is_one_frame_and_stays_in_its_band():
+    lattice = box_lattice((0, 0, 0), (30, 20, 3), (0.5, 0.5, 0.25))
+    frames = platelets(lattice, length=8, width=4, thickness=0.5, pitch=4, roll=9)
+    for k in range(frames.notes["platelets"]):
+        mine = frames.platelet_id == k
+        assert np.ptp(frames.fibre_direction[mine], axis=0).max() == 0
+        assert np.ptp(frames.platelet_normal[mine], axis=0).max() == 0
+        layers = np.unique(lattice.layer[mine])
+        assert len(layers) == 2 and layers[0] % 2 == 0
+    shares = [
+        frames.notes[f"volume_fraction_{k}_per_layer"] for k in ("complete", "cut_by_wall", "incomplete", "on_edge")
+    ]
+    np.testing.assert_allclose(np.sum(shares, axis=0), 1.0, atol=1e-5)
+
+
+# model.md 2.8: A11 of one 187 x 68 layer, ten runs.
+FIVE_STEP = [(12.7, 12.7, 0.482), (12.7, 6.35, 0.609), (6.35, 6.35, 0.488), (12.7, 3.175, 0.599), (25.4, 12.7, 0.748)]
+
+
+@pytest.mark.parametrize(("length", "width", "expected"), FIVE_STEP)
+def test_five_step_statistics_of_the_reference(length, width, expected):
+    lattice = box_lattice(*BRACKET[:2], BRACKET[2], layers=1)
+    A11 = [np.mean(platelets(lattice, s, length=length, width=width).fibre_direction[:, 0] ** 2) for s in range(30)]
+    # Both means come from few runs: their difference stays within the runs' own spread.
+    assert abs(np.mean(A11) - expected) < np.std(A11)
+
+
+def test_soft_walls_forget_the_box():
+    lattice = box_lattice(*BRACKET, layers=4)
+    soft = [np.mean(platelets(lattice, s, width=3.175, wall_softness=1).fibre_direction[:, 0] ** 2) for s in range(8)]
+    assert np.mean(soft) == pytest.approx(0.5, abs=0.03)
+
+
+def test_the_measured_charge_of_the_bracket_can_be_matched():
+    # J13, and the parameters stated in the documentation of the charge.
+    lattice = box_lattice(*BRACKET, layers=12)
+    keys = {"width": 6.35, "wall_softness": 0.35, "pitch": 9.5, "roll": 19.5, "on_edge": {"share": 0.9}}
+    runs = [platelets(lattice, s, **keys) for s in range(6)]
+    A = np.mean([np.diag(orientation_tensor(f.fibre_direction)) for f in runs], axis=0)
+    N = np.mean([np.diag(orientation_tensor(f.platelet_normal)) for f in runs], axis=0)
+    np.testing.assert_allclose(A, [0.503, 0.469, 0.028], atol=0.02)
+    np.testing.assert_allclose(N, [0.071, 0.088, 0.841], atol=0.03)
+
+
+def test_tilt_keeps_frames_orthonormal_and_has_the_stated_size():
+    n = 4000
+    p, r = tilted(np.tile([1.0, 0, 0], (n, 1)), np.tile([0.0, 0, 1], (n, 1)), np.full(n, 0.1), np.full(n, 0.2))
+    np.testing.assert_allclose(p[0], [np.cos(0.1), 0, np.sin(0.1)])
+    assert np.abs(np.sum(p * r, axis=1)).max() < 1e-15
+    assert r[0, 2] == pytest.approx(np.cos(0.1) * np.cos(0.2))
+    assert abs(r[0, 1]) == pytest.approx(np.sin(0.2))
+
+
+def test_sizes():
+    generator = np.random.default_rng(0)
+    normal = draw_sizes(NormalSizes(mean=10, deviation=4), 20_000, generator)
+    assert normal.min() >= 1 and normal.max() <= 20 and normal.mean() == pytest.approx(10, abs=0.2)
+    listed = draw_sizes(ListedSizes(values=[5, 10], shares=[3, 1]), 20_000, generator)
+    assert np.mean(listed == 5) == pytest.approx(0.75, abs=0.02)
+    assert np.all(draw_sizes(6.35, 5, generator) == 6.35)
+    with pytest.raises(ValueError, match="give one each"):
+        ListedSizes(values=[5, 10], shares=[1])
+
+
+def test_platelets_smaller_than_particles_are_refused():
+    lattice = box_lattice((0, 0, 0), (10, 10, 2), (1, 1, 1))
+    with pytest.raises(SceneError, match=r"smaller than the particle\s+spacing 1 mm"):
+        platelets(lattice, length=0.2, width=0.2)
+
+
+def test_incomplete_platelets_are_counted_in_platelets_and_volume():
+    lattice = box_lattice((0, 0, 0), (40, 20, 1), (0.5, 0.5, 0.5))
+    section = PlateletsOrientation(length=8, width=4)
+    frames = random_platelets(section, lattice, np.random.default_rng(0))
+    counts = [frames.notes[f"platelets_{k}"] for k in ("complete", "cut_by_wall", "incomplete", "on_edge")]
+    assert sum(counts) == frames.notes["platelets"] == len(np.unique(frames.platelet_id))
+    assert counts[2] > 0 and counts[3] == 0
