@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
 from ppmc.scene.base import Section
+from ppmc.scene.tooling import CylinderTool, ExtrusionTool, MeshTool, RevolutionTool, RoundedBoxTool
 from ppmc.scene.units import (
     Angle,
     Direction,
-    Length,
     LengthVector,
     NonNegativeAngle,
     PositiveLength,
@@ -38,7 +38,7 @@ else:
 
 
 class BoxDomain(Section):
-    """A box with edges along the axes."""
+    """A box with edges along the axes; the other domains are the shapes of `tooling`, taken as solids."""
 
     shape: Literal["box"] = "box"
     origin: LengthVector = (0.0, 0.0, 0.0)
@@ -47,41 +47,19 @@ class BoxDomain(Section):
     """Edge lengths."""
 
 
-class CylinderDomain(Section):
-    """An upright cylinder, axis along x3: the charge of a disk."""
-
-    shape: Literal["cylinder"] = "cylinder"
-    centre: LengthVector = (0.0, 0.0, 0.0)
-    """Centre of the lower end face."""
-    radius: PositiveLength = Field(examples=["30 mm"])
-    """Radius."""
-    height: PositiveLength = Field(examples=["4 mm"])
-    """Height along x3."""
+def _shape_only(value: Any) -> Any:
+    """Refuse keys that mean something for a tool but nothing for a charge."""
+    idle = {"motion", "wall", "inside"} & value.model_fields_set
+    if idle:
+        raise ValueError(f"`{min(idle)}` belongs to a tool, not to the space that the charge fills; leave it out")
+    return value
 
 
-class ExtrusionDomain(Section):
-    """A polygon in the x1-x2 plane, drawn up along x3."""
-
-    shape: Literal["extrusion"] = "extrusion"
-    outline: list[tuple[Length, Length]] = Field(min_length=3, max_length=10_000)
-    """Corners (x1, x2) of the polygon in order, without repeating the first; edges must not cross."""
-    base: Length = 0.0
-    """x3 of the lower face."""
-    height: PositiveLength = Field(examples=["6 mm"])
-    """Height along x3."""
-
-
-class SurfaceDomain(Section):
-    """The inside of a closed surface from a file."""
-
-    shape: Literal["surface"] = "surface"
-    file: Path = Field(examples=["charge.stl"])
-    """STL, OBJ, PLY or VTU file, relative to the scene; must be closed."""
-    unit: Literal["mm", "m", "cm", "um", "inch"] = "mm"
-    """Unit of the file's coordinates."""
-
-
-Domain = Annotated[BoxDomain | CylinderDomain | ExtrusionDomain | SurfaceDomain, Field(discriminator="shape")]
+Domain = Annotated[
+    BoxDomain | RoundedBoxTool | CylinderTool | ExtrusionTool | RevolutionTool | MeshTool,
+    Field(discriminator="shape"),
+    AfterValidator(_shape_only),
+]
 
 
 class UniformOrientation(Section):

@@ -5,10 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ppmc.charge.domain import lattice_of, points_in_polygon, polygon_area
+from ppmc.charge.domain import lattice_of
 from ppmc.charge.lattice import box_lattice, filled_lattice
-from ppmc.errors import SceneError
+from ppmc.errors import InputFileError, SceneError
 from ppmc.scene.charge import ChargeSection
+
+UPRIGHT = {"shape": "cylinder", "center": [0, 0, 0], "axis": [0, 0, 1], "radius": 5, "length": 2}
+PRISM = {"shape": "extrusion", "axis": [0, 0, 1], "first_axis": [1, 0, 0], "length": 1}
 
 
 def section(domain, spacing, **more):
@@ -51,7 +54,9 @@ def test_spacing_may_differ_from_axis_to_axis_and_layers_rule_the_third():
 
 
 def test_cylinder_volume_is_exact_and_its_lattice_symmetric():
-    lattice = lattice_of(section({"shape": "cylinder", "centre": [1, 2, 3], "radius": 10, "height": 4}, 1.0))
+    lattice = lattice_of(
+        section({"shape": "cylinder", "center": [1, 2, 5], "axis": [0, 0, 1], "radius": 10, "length": 4}, 1.0)
+    )
     assert lattice.volumes.sum() == pytest.approx(400 * np.pi, rel=1e-12)
     assert abs(lattice.volume_scale - 1) < 0.02
     np.testing.assert_allclose(lattice.positions.mean(axis=0), [1, 2, 5], atol=1e-12)
@@ -61,28 +66,37 @@ def test_cylinder_volume_is_exact_and_its_lattice_symmetric():
 
 
 def test_cells_point_back_to_the_full_lattice():
-    lattice = lattice_of(section({"shape": "cylinder", "radius": 5, "height": 2}, 0.5))
+    lattice = lattice_of(section(UPRIGHT, 0.5))
     k, j, i = np.unravel_index(lattice.cells, lattice.shape)
-    again = np.stack([i, j, k], axis=1) * lattice.spacing + np.array([-4.75, -4.75, 0.25])
+    again = np.stack([i, j, k], axis=1) * lattice.spacing + np.array([-4.75, -4.75, -0.75])
     np.testing.assert_allclose(lattice.positions, again, atol=1e-12)
 
 
 def test_extrusion_of_an_l_shape():
-    outline = [[0, 0], [10, 0], [10, 4], [4, 4], [4, 10], [0, 10]]
-    lattice = lattice_of(section({"shape": "extrusion", "outline": outline, "base": 1, "height": 3}, 0.5))
-    assert polygon_area(np.array(outline, dtype=float)) == pytest.approx(64)
+    profile = [[0, 0], [10, 0], [10, 4], [4, 4], [4, 10], [0, 10]]
+    domain = {"shape": "extrusion", "profile": profile, "origin": [0, 0, 1], "axis": [0, 0, 1], "first_axis": [1, 0, 0]}
+    lattice = lattice_of(section({**domain, "length": 3}, 0.5))
     assert lattice.volumes.sum() == pytest.approx(192)
     assert lattice.volume_scale == pytest.approx(1.0)
     assert not np.any((lattice.positions[:, 0] > 4) & (lattice.positions[:, 1] > 4))
+    with pytest.raises(SceneError, match="needs a `length`"):
+        lattice_of(section(domain, 0.5))
 
 
-def test_points_in_polygon_against_a_disc():
-    t = np.linspace(0, 2 * np.pi, 400, endpoint=False)
-    outline = np.stack([np.cos(t), np.sin(t)], axis=1)
-    points = np.random.default_rng(1).uniform(-1.2, 1.2, size=(5000, 2))
-    radius = np.linalg.norm(points, axis=1)
-    sure = np.abs(radius - 1) > 1e-3
-    assert np.array_equal(points_in_polygon(points, outline)[sure], (radius < 1)[sure])
+def test_a_surface_file_is_filled(tmp_path):
+    corners = np.array([[x, y, z] for z in (0, 2) for y in (0, 3) for x in (0, 4)], dtype=float)
+    quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    lines = ["solid box"]
+    for a, b, c, d in quads:
+        for triangle in ((a, b, c), (a, c, d)):
+            lines += ["facet normal 0 0 0", "outer loop"]
+            lines += [f"vertex {x} {y} {z}" for x, y, z in corners[list(triangle)]] + ["endloop", "endfacet"]
+    (tmp_path / "box.stl").write_text("\n".join([*lines, "endsolid box"]))
+    lattice = lattice_of(section({"shape": "mesh", "file": "box.stl", "unit": "mm"}, 0.5), tmp_path)
+    assert lattice.n == 8 * 6 * 4
+    assert lattice.volumes.sum() == pytest.approx(24)
+    with pytest.raises(InputFileError, match="no such surface file"):
+        lattice_of(section({"shape": "mesh", "file": "bux.stl"}, 0.5), tmp_path)
 
 
 def test_layers_at_a_time_do_not_change_the_lattice():
@@ -101,9 +115,8 @@ def test_layers_at_a_time_do_not_change_the_lattice():
     [
         ({"shape": "box", "size": [10, 10, 1]}, 5.0, "does not fit the domain's extent of 1 mm along x3"),
         ({"shape": "box", "size": [1000, 1000, 1000]}, 0.5, "more than the limit"),
-        ({"shape": "cylinder", "radius": 1, "height": 4}, 2.0, "too coarse for this shape"),
-        ({"shape": "extrusion", "outline": [[0, 0], [4, 4], [4, 0], [0, 3]], "height": 1}, 0.5, "edges cross"),
-        ({"shape": "extrusion", "outline": [[0, 0], [1, 1], [2, 2]], "height": 1}, 0.5, "no area"),
+        ({**UPRIGHT, "radius": 1, "length": 4}, 2.0, "too coarse for this shape"),
+        ({**PRISM, "profile": [[0, 0], [4, 4], [4, 0], [0, 3]]}, 0.5, "must not cross itself"),
     ],
 )
 def test_unsuitable_lattices_are_refused(domain, spacing, message):
@@ -120,6 +133,7 @@ def test_unsuitable_lattices_are_refused(domain, spacing, message):
         ({"layers": 0}, "greater than or equal to 1"),
         ({"domain": {"shape": "box", "size": [1, 0, 1]}}, "greater than 0"),
         ({"domain": {"shape": "blob"}}, "box"),
+        ({"domain": {**UPRIGHT, "wall": "no_slip"}}, "`wall` belongs to a tool"),
         ({"orientation": {"source": "uniform", "fibre_direction": [0, 0, 1]}}, "must be perpendicular"),
         ({"orientation": {"source": "ct", "confidence": 1.5}}, "less than or equal to 1"),
         ({"orientation": {"source": "planar_random", "normal": [0, 0, 0]}}, "zero vector"),
