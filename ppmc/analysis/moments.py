@@ -6,7 +6,10 @@ Layout of a region's sums: 0 count, 1 Σw, 2 Σw², 3:6 Σw x, then for p: 6 Σw
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ppmc.compile_cache import njit, prange
 
@@ -14,9 +17,11 @@ N_SUMS = 50
 POINTS_PER_CELL = 12
 MOST_CELLS = 2_000_000
 
+Array = NDArray[Any]
+
 
 @njit
-def _cells_of(positions, low, inverse, shape):
+def _cells_of(positions: Array, low: Array, inverse: Array, shape: Array) -> Array:
     cells = np.empty(positions.shape[0], dtype=np.int64)
     for i in range(positions.shape[0]):
         c = 0
@@ -29,7 +34,7 @@ def _cells_of(positions, low, inverse, shape):
 
 
 @njit
-def _counting_sort(cells, n_cells):
+def _counting_sort(cells: Array, n_cells: int) -> tuple[Array, Array]:
     start = np.zeros(n_cells + 1, dtype=np.int64)
     for c in cells:
         start[c + 1] += 1
@@ -44,7 +49,7 @@ def _counting_sort(cells, n_cells):
 
 
 @njit
-def _gather(order, positions, volume, p, r):
+def _gather(order: Array, positions: Array, volume: Array, p: Array, r: Array) -> Array:
     """Return rows (x, y, z, w, p, r) in cell order; unknown directions become zero vectors."""
     n = order.shape[0]
     rows = np.zeros((n, 10))
@@ -67,7 +72,7 @@ def _gather(order, positions, volume, p, r):
 
 
 @njit
-def _inside(kind, u, v, w, low, high):
+def _inside(kind: int, u: float, v: float, w: float, low: Array, high: Array) -> bool:
     if kind == 0:
         return low[0] <= u < high[0] and low[1] <= v < high[1] and low[2] <= w < high[2]
     if kind == 2:
@@ -86,7 +91,7 @@ def _inside(kind, u, v, w, low, high):
 
 
 @njit
-def _add_moments(s, at, w, x, y, z):
+def _add_moments(s: Array, at: int, w: float, x: float, y: float, z: float) -> None:
     xx, yy, zz, xy, yz, xz = x * x, y * y, z * z, x * y, y * z, x * z
     s[at] += w
     s[at + 1] += w * xx
@@ -113,7 +118,19 @@ def _add_moments(s, at, w, x, y, z):
 
 
 @njit(parallel=True)
-def sum_regions(rows, start, low, inverse, shape, kinds, origins, axes, lower, upper, boxes):
+def sum_regions(
+    rows: Array,
+    start: Array,
+    low: Array,
+    inverse: Array,
+    shape: Array,
+    kinds: Array,
+    origins: Array,
+    axes: Array,
+    lower: Array,
+    upper: Array,
+    boxes: Array,
+) -> Array:
     """Return sums (m, N_SUMS); each region is owned by one thread, so the order of summation is fixed."""
     m = kinds.shape[0]
     sums = np.zeros((m, N_SUMS))
@@ -128,7 +145,7 @@ def sum_regions(rows, start, low, inverse, shape, kinds, origins, axes, lower, u
             first[d] = int(min(max(a - 1e-6, 0.0), shape[d] - 1.0))
             last[d] = int(min(max(b + 1e-6, -1.0), shape[d] - 1.0)) if b >= -1e-6 else -1
             if a - 1e-6 >= shape[d]:
-                # Beyond the last cell; points on the upper face of the grid are clamped into it, so allow the round-off.
+                # Beyond the last cell; points on the grid's upper face are clamped into it, so allow the round-off.
                 last[d] = -1
         a0, a1, a2 = axes[g, 0], axes[g, 1], axes[g, 2]
         for i in range(first[0], last[0] + 1):

@@ -1,7 +1,8 @@
 """Regions of space to average over: boxes, slabs, cylinders and their sectors, spheres, anywhere and any way turned.
 
 Every region is an interval in local coordinates: ``u = axes @ (x - origin)`` with the rows of ``axes`` as the local
-unit axes. A box bounds u itself, a cylinder bounds (radius, angle, height) about its local third axis, a sphere bounds the radius.
+unit axes. A box bounds u itself, a cylinder bounds (radius, angle, height) about its local third axis, a sphere
+bounds the radius.
 Intervals are half-open, ``lower <= u < upper``, so regions that share a face never count a particle twice.
 """
 
@@ -33,7 +34,8 @@ class Region:
     axes : ndarray, shape (3, 3)
         Rows are the local unit axes in tool coordinates.
     lower, upper : ndarray, shape (3,)
-        Box: bounds of u (mm). Cylinder: bounds of radius (mm), angle (rad, from the first local axis towards the second) and height (mm).
+        Box: bounds of u (mm). Cylinder: bounds of radius (mm), angle (rad, from the first local axis towards the
+        second) and height (mm).
         Sphere: bounds of the radius in the first entry. Infinite bounds are allowed.
     """
 
@@ -58,7 +60,8 @@ class Region:
     def centre(self) -> np.ndarray:
         """Middle of the region in tool coordinates; for unbounded directions the local origin."""
         low, high = self.lower, self.upper
-        middle = np.where(np.isfinite(low) & np.isfinite(high), 0.5 * (low + high), 0.0)
+        bounded = np.isfinite(low) & np.isfinite(high)
+        middle = 0.5 * (np.where(bounded, low, 0.0) + np.where(bounded, high, 0.0))
         if self.kind == "sphere":
             middle = np.zeros(3)
         elif self.kind == "cylinder":
@@ -129,7 +132,8 @@ class Region:
             return f"sphere of radius {self.upper[0]:.4g} mm centred at ({centre}) mm"
         axis = ", ".join(f"{c:.3g}" for c in self.axes[2])
         return (
-            f"cylinder, radius {self.lower[0]:.4g} to {self.upper[0]:.4g} mm, {np.degrees(min(size[1], TURN)):.4g}° wide, "
+            f"cylinder, radius {self.lower[0]:.4g} to {self.upper[0]:.4g} mm, "
+            f"{np.degrees(min(size[1], TURN)):.4g}° wide, "
             f"{size[2]:.4g} mm high along ({axis}), centred at ({centre}) mm"
         )
 
@@ -139,8 +143,10 @@ def everything(name: str = "whole") -> Region:
     return Region(name, "box", np.zeros(3), np.eye(3), np.full(3, -np.inf), np.full(3, np.inf))
 
 
-def box(name: str, lower: np.ndarray, upper: np.ndarray, axes: np.ndarray | None = None, origin: np.ndarray | None = None) -> Region:
-    """Return a box between ``lower`` and ``upper`` (mm) in the frame ``axes`` (rows) about ``origin``; infinite bounds make it a slab.
+def box(
+    name: str, lower: np.ndarray, upper: np.ndarray, axes: np.ndarray | None = None, origin: np.ndarray | None = None
+) -> Region:
+    """Return a box between ``lower`` and ``upper`` (mm) in the frame ``axes`` (rows) about ``origin``.
 
     Raises
     ------
@@ -149,7 +155,9 @@ def box(name: str, lower: np.ndarray, upper: np.ndarray, axes: np.ndarray | None
     """
     low, high = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
     _check_order(name, low, high)
-    return Region(name, "box", np.zeros(3) if origin is None else np.asarray(origin, dtype=float), _frame(axes), low, high)
+    return Region(
+        name, "box", np.zeros(3) if origin is None else np.asarray(origin, dtype=float), _frame(axes), low, high
+    )
 
 
 def cylinder(
@@ -165,7 +173,8 @@ def cylinder(
 ) -> Region:
     """Return a cylinder, tube or sector of one, centred at mid-height (mm, rad).
 
-    ``reference`` is the direction of angle zero (its part normal to ``axis`` counts); angles grow right-handed about ``axis``.
+    ``reference`` is the direction of angle zero (its part normal to ``axis`` counts); angles grow right-handed about
+    ``axis``.
 
     Raises
     ------
@@ -195,13 +204,15 @@ def frame_about(axis: np.ndarray, reference: np.ndarray | None = None) -> np.nda
     first = first - (first @ third) * third
     length = np.linalg.norm(first)
     if length < 1e-9:
-        raise SceneError(f"reference direction {np.asarray(reference)} is parallel to the axis {np.asarray(axis)}; choose another")
+        raise SceneError(
+            f"reference direction {np.asarray(reference)} is parallel to the axis {np.asarray(axis)}; choose another"
+        )
     first = first / length
     return np.array([first, np.cross(third, first), third])
 
 
 def pack(regions: list[Region] | tuple[Region, ...]) -> tuple[np.ndarray, ...]:
-    """Return kinds (m,), origins (m, 3), axes (m, 3, 3), lower, upper (m, 3) and enclosing boxes (m, 2, 3) for the kernels."""
+    """Return kinds (m,), origins (m, 3), axes (m, 3, 3), lower, upper (m, 3), enclosing boxes (m, 2, 3) for kernels."""
     m = len(regions)
     boxes = np.array([region.bounds() for region in regions]).reshape(m, 2, 3)
     return (

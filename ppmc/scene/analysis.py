@@ -41,7 +41,11 @@ class BoxRegion(Section):
         sized = self.centre is not None and self.size is not None
         if corners == sized or (corners and (self.centre or self.size)) or (sized and (self.min or self.max)):
             raise ValueError("a box needs either 'min' and 'max', or 'centre' and 'size'")
-        if self.min is not None and self.max is not None and any(b <= a for a, b in zip(self.min, self.max, strict=True)):
+        if (
+            self.min is not None
+            and self.max is not None
+            and any(b <= a for a, b in zip(self.min, self.max, strict=True))
+        ):
             raise ValueError(f"'max' {self.max} must be above 'min' {self.min} in every direction")
         return self
 
@@ -255,7 +259,9 @@ View = Literal["fibre_direction", "platelet_normal"]
 class AnalysisSection(Section):
     """What ``ppmc analyze`` averages and shows."""
 
-    regions: dict[str, RegionSection] = Field(default_factory=dict, examples=[{"interior": {"min": [2, 2, 1], "max": [22, 14, 5]}}])
+    regions: dict[str, RegionSection] = Field(
+        default_factory=dict, examples=[{"interior": {"min": [2, 2, 1], "max": [22, 14, 5]}}]
+    )
     """Regions by name; the whole file is always averaged too."""
 
     path: PathSection | None = None
@@ -268,7 +274,10 @@ class AnalysisSection(Section):
     """Time steps of a flow to average: the first and the last, or all."""
 
     margin: PositiveLength | None = None
-    """How far from the specimen's faces the comparison with the phantom's truth keeps away (mm); a tenth of its smallest extent if left out."""
+    """Distance that the comparison with the phantom's truth keeps from the specimen's faces (mm).
+
+    A tenth of the specimen's smallest extent if left out.
+    """
 
     views: tuple[View, ...] = ("fibre_direction", "platelet_normal")
     """Directions whose squared components are drawn, at start and end (J Figs 7 to 10)."""

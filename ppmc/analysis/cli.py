@@ -1,0 +1,72 @@
+"""Command `ppmc analyze`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cyclopts import App
+
+app = App(name="analyze", help="Average orientation tensors over regions and paths, draw figures, write the report.")
+
+
+@app.default
+def analyze(
+    scene: Path,
+    *,
+    input: Path | None = None,
+    output: Path | None = None,
+    volume: Path | None = None,
+    orientations: Path | None = None,
+    charge: Path | None = None,
+) -> None:
+    """Average A and N over regions and paths, draw figures, and write one self-contained report.
+
+    Reads a flow, a charge or an orientations file. Beside the output appear report.html (pictures inside, needs no
+    network), tables/*.csv, figures/*.png and analysis.json. Lengths are in mm, times in s, forces in the report in N.
+
+    Parameters
+    ----------
+    scene : Path
+        Scene file; its section `analysis` names regions and paths (without it: the whole file, 20 slices along x1).
+    input : Path, optional
+        Flow, charge or orientations file; default the last of these in runs/<name>.
+    output : Path, optional
+        Analysis file to write; default runs/<name>/analysis.vtkhdf.
+    volume : Path, optional
+        Phantom volume, whose true directions CT is compared with; default volume.vtkhdf beside the input, if there.
+    orientations : Path, optional
+        Voxel orientations, overlaid in the plots; default orientations.vtkhdf beside the input, if there.
+    charge : Path, optional
+        Charge, overlaid too; default none, as a flow's first frame shows it.
+
+    Examples
+    --------
+    ppmc analyze configs/demo.yaml
+
+    ppmc analyze configs/demo.yaml --input runs/demo/charge.vtkhdf --output look/analysis.vtkhdf
+    """
+    from ppmc.analysis.stage import run
+    from ppmc.errors import InputFileError
+    from ppmc.scene import load_scene, run_paths
+
+    loaded = load_scene(scene)
+    paths = run_paths(loaded)
+    if input is None:
+        found = [path for path in (paths.flow, paths.charge, paths.orientations) if path.exists()]
+        if not found:
+            raise InputFileError(
+                f"{paths.directory}: holds no flow, charge or orientations file; run the earlier stages or give --input"
+            )
+        input = found[0]
+    volume = volume or _beside(input, "volume.vtkhdf")
+    orientations = orientations or _beside(input, "orientations.vtkhdf")
+    written = run(
+        loaded, input=input, output=output or paths.analysis, volume=volume, orientations=orientations, charge=charge
+    )
+    print(f"{written}\n{written.parent / 'report.html'}")
+
+
+def _beside(input: Path, name: str) -> Path | None:
+    """Return a file of that name in the input's folder, if there is one and it is not the input itself."""
+    path = input.parent / name
+    return path if path.exists() and path.absolute() != input.absolute() else None

@@ -1,0 +1,185 @@
+"""Curves: tensors along a path, volume and deformation in time, press force; with matplotlib, no display needed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from ppmc.analysis.averages import RegionAverages
+from ppmc.analysis.kinematics import Kinematics
+from ppmc.analysis.paths import InspectionPath
+
+# Okabe and Ito's palette, told apart by colour-blind readers; dashes and markers tell the lines apart in print too.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#F0E442")
+DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), "-", "--")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+
+STYLE = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.spines.top": False, "axes.spines.right": False}
+
+
+@dataclass(frozen=True)
+class PathSeries:
+    """Averages of one source along a path, already in the path's components."""
+
+    label: str
+    averages: RegionAverages
+
+
+def figure(width: float, height: float) -> Figure:
+    """Return an empty figure (inches) that needs no display."""
+    drawing = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(drawing)
+    return drawing
+
+
+def plot_path(path: InspectionPath, series: Sequence[PathSeries], normals: bool = True) -> Figure:
+    """Draw the diagonal components of A (and N) along a path, every source in one panel a component.
+
+    The band is plus and minus one standard deviation of the region's own p_i² about the last source; gaps and grey
+    strokes are
+    regions without material.
+    """
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):
+        rows = 2 if normals else 1
+        drawing = figure(10.5, 3.1 * rows + 0.5)
+        axes = drawing.subplots(rows, 3, sharex=True, sharey=True, squeeze=False)
+        for row, (symbol, tensor, spread) in enumerate(
+            (("A", "fibre_tensor", "fibre_spread"), ("N", "normal_tensor", "normal_spread"))[:rows]
+        ):
+            for i in range(3):
+                ax = axes[row, i]
+                for k, s in enumerate(series):
+                    values = getattr(s.averages, tensor)[:, i, i]
+                    style = {"color": COLOURS[k % 8], "linestyle": DASHES[k % 8], "marker": MARKERS[k % 8]}
+                    ax.plot(path.coordinate, values, label=s.label, markersize=3, linewidth=1.4, **style)
+                    if k == len(series) - 1:
+                        width = getattr(s.averages, spread)[:, i, i]
+                        ax.fill_between(
+                            path.coordinate,
+                            values - width,
+                            values + width,
+                            color=COLOURS[k % 8],
+                            alpha=0.12,
+                            linewidth=0,
+                        )
+                _mark_empty(ax, path.coordinate, [s.averages for s in series], tensor)
+                c = path.components[i]
+                ax.set_title(f"{symbol}$_{{{c}{c}}}$", fontsize=10)
+                ax.set_ylim(-0.02, 1.02)
+                if row == rows - 1:
+                    ax.set_xlabel(path.coordinate_label)
+                if i == 0:
+                    ax.set_ylabel("fibre tensor A [–]" if symbol == "A" else "normal tensor N [–]")
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        if handles:
+            drawing.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 4), frameon=False)
+        return drawing
+
+
+def _mark_empty(ax: object, coordinate: np.ndarray, averages: Sequence[RegionAverages], tensor: str) -> None:
+    """Put grey strokes at the foot where no source has material; say so where nothing is known at all."""
+    known = np.zeros(len(coordinate), dtype=bool)
+    for average in averages:
+        known |= np.isfinite(getattr(average, tensor)[:, 0, 0])
+    if not known.any():
+        ax.text(0.5, 0.5, "no data", transform=ax.transAxes, ha="center", color="0.4")  # type: ignore[attr-defined]
+    elif not known.all():
+        empty = coordinate[~known]
+        ax.plot(empty, np.zeros(len(empty)), "|", color="0.5", markersize=8)  # type: ignore[attr-defined]
+
+
+def plot_kinematics(rows: Sequence[Kinematics]) -> Figure:
+    """Draw J (mean, 1 % to 99 % band, extremes) and the diagonal of the mean F against time."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):
+        drawing = figure(10.5, 3.4)
+        left, right = drawing.subplots(1, 2)
+        time = np.array([k.time for k in rows])
+        marker = "o" if len(rows) < 40 else ""
+        left.fill_between(
+            time,
+            [k.volume_ratio_low for k in rows],
+            [k.volume_ratio_high for k in rows],
+            color=COLOURS[0],
+            alpha=0.2,
+            linewidth=0,
+            label="1 % to 99 %",
+        )
+        left.plot(time, [k.volume_ratio_mean for k in rows], color=COLOURS[0], marker=marker, label="mean")
+        left.plot(time, [k.volume_ratio_min for k in rows], color="0.5", linestyle=":", label="least, largest")
+        left.plot(time, [k.volume_ratio_max for k in rows], color="0.5", linestyle=":")
+        left.axhline(1.0, color="k", linewidth=0.8)
+        left.set_xlabel("time [s]")
+        left.set_ylabel("volume ratio J = det F [–]")
+        left.legend(frameon=False, fontsize=8)
+        for i in range(3):
+            mean = np.array([k.mean_deformation_gradient[i, i] for k in rows])
+            width = np.array([k.deformation_gradient_spread[i, i] for k in rows])
+            right.plot(
+                time,
+                mean,
+                color=COLOURS[i],
+                linestyle=DASHES[i],
+                marker=MARKERS[i] if marker else "",
+                markersize=4,
+                label=f"F$_{{{i + 1}{i + 1}}}$",
+            )
+            right.fill_between(time, mean - width, mean + width, color=COLOURS[i], alpha=0.12, linewidth=0)
+        right.set_xlabel("time [s]")
+        right.set_ylabel("mean deformation gradient [–]")
+        right.legend(frameon=False, fontsize=8)
+        return drawing
+
+
+def plot_press_force(time: np.ndarray, forces: dict[str, np.ndarray]) -> Figure:
+    """Draw press force (N) of each source or tool against time; input in µN."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):
+        drawing = figure(6.5, 3.4)
+        ax = drawing.subplots()
+        for k, (label, force) in enumerate(forces.items()):
+            ax.plot(
+                time,
+                np.asarray(force) * 1e-6,
+                color=COLOURS[k % 8],
+                linestyle=DASHES[k % 8],
+                label=label,
+                linewidth=1.5,
+            )
+        ax.set_xlabel("time [s]")
+        ax.set_ylabel("force [N]")
+        if len(forces) > 1:
+            ax.legend(frameon=False, fontsize=8)
+        return drawing
+
+
+def plot_region_history(times: Sequence[float], fibre: np.ndarray, normal: np.ndarray) -> Figure:
+    """Draw A_ii and N_ii of one region, shape (frames, 3) each, against time."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):
+        drawing = figure(10.5, 3.0)
+        for ax, values, symbol in zip(drawing.subplots(1, 2, sharey=True), (fibre, normal), "AN", strict=True):
+            for i in range(3):
+                ax.plot(
+                    times,
+                    values[:, i],
+                    color=COLOURS[i],
+                    linestyle=DASHES[i],
+                    marker=MARKERS[i],
+                    markersize=3.5,
+                    label=f"{symbol}$_{{{i + 1}{i + 1}}}$",
+                )
+            ax.set_ylim(-0.02, 1.02)
+            ax.set_xlabel("time [s]")
+            ax.set_ylabel(f"{'fibre' if symbol == 'A' else 'normal'} tensor {symbol} [–]")
+            ax.legend(frameon=False, fontsize=8)
+        return drawing
