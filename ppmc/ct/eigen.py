@@ -10,6 +10,9 @@ Never returns NaN and never a vector that is not of unit length: an isotropic (o
 Component order of a tensor is XX, YY, ZZ, XY, YZ, XZ throughout.
 """
 
+# Kernels take arrays and scalars only; numba infers their types.
+# mypy: disable-error-code="no-untyped-def"
+
 from __future__ import annotations
 
 import numpy as np

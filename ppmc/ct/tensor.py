@@ -5,8 +5,11 @@ once and kept in a ring of as many planes as the z window is long; nothing of th
 result. The order of operations on a voxel does not depend on where the block begins or ends, so any cut of a volume
 into blocks gives the same bits.
 
-Component order XX, YY, ZZ, XY, YZ, XZ, and the sum of weights as a seventh where votes differ from voxel to voxel.
+Component order XX, YY, ZZ, XY, YZ, XZ, and the windowed weight as a seventh where votes differ from voxel to voxel.
 """
+
+# Kernels take arrays and scalars only; numba infers their types.
+# mypy: disable-error-code="no-untyped-def"
 
 from __future__ import annotations
 
@@ -15,6 +18,7 @@ import numpy as np
 from ppmc.compile_cache import njit
 
 ZERO = np.float32(0.0)
+LEAST_WEIGHT = np.float32(1e-6)
 
 
 # Rows are handed over as slices of equal length: numba then knows that no index is negative, and the loops vectorise.
@@ -191,33 +195,55 @@ def _window_x(row, taps, stride, phases, out):
         _add_scaled(phases[t % stride, shift : shift + n], taps[t], out)
 
 
+@njit(nogil=True, fastmath={"contract"})
+def _finish(row, c, weight, noise):
+    """Divide a windowed row by its separable weight (given inverted) and take the noise's share off."""
+    for i in range(row.shape[0]):
+        row[i] = row[i] * (c * weight[i]) - noise
+
+
+@njit(nogil=True, fastmath={"contract"})
+def _finish_weighted(row, weight, noise):
+    """Divide a windowed row by the windowed votes; nothing where nobody voted."""
+    for i in range(row.shape[0]):
+        voted = weight[i] > LEAST_WEIGHT
+        row[i] = row[i] / weight[i] - noise if voted else ZERO
+
+
 @njit(nogil=True)
-def tensor_block(grey, smooth_x, smooth_y, smooth_z, slope_x, slope_y, slope_z, window_x, window_y, window_z,
-                 vote_x, vote_y, vote_z, votes, stride, out):  # fmt: skip
-    """Fill ``out`` (oz, oy, channels, ox) with windowed gradient products of one block.
+def tensor_block(grey, smooth, slope, window, vote, votes, inverse, noise, stride, out):
+    """Fill ``out`` with windowed gradient products of one block.
 
     Parameters
     ----------
     grey : (nz, ny, nx) float32
         The block with its halo: ``n = (o - 1) * stride + 1 + 2 * (gradient radius + window radius)`` along each axis.
-    smooth_*, slope_* : float32
-        Taps of the Gaussian and its derivative along each axis, the latter divided by the voxel size.
-    window_* : float32
+    smooth, slope : three float32 arrays (x, y, z)
+        Taps of the Gaussian and of its derivative along each axis, the latter divided by the voxel size.
+    window : three float32 arrays (x, y, z)
         Taps of the window.
-    vote_x, vote_y, vote_z : float32
-        Weight of a voxel's gradient is ``vote_x[x] * vote_y[y] * vote_z[z]``, indices in the block less the gradient
-        radius.
+    vote : three float32 arrays (x, y, z)
+        Weight of a voxel's gradient is ``vote[0][x] * vote[1][y] * vote[2][z]``; the block less the gradient radius.
     votes : (nz, ny, nx) float32, same extent as the votes above, or empty
         A further weight by voxel; then ``out`` has a seventh channel, the windowed weight.
+    inverse : three float32 arrays (x, y, z)
+        One over the windowed votes at the output voxels, to make the window an average; empty to leave sums.
+    noise : (6,) float32
+        Tensor subtracted from averages.
+    stride : three ints (x, y, z)
+        Distance of output voxels.
+    out : (oz, oy, 6 or 7, ox) float32
+        Filled.
     """
     weighted = votes.shape[0] > 0
+    averaged = inverse[0].shape[0] > 0
     channels = out.shape[2]
     oy, ox = out.shape[1], out.shape[3]
     ny, nx = grey.shape[1], grey.shape[2]
-    pz = grey.shape[0] - (smooth_z.shape[0] - 1)
-    py = ny - (smooth_y.shape[0] - 1)
-    px = nx - (smooth_x.shape[0] - 1)
-    length = window_z.shape[0]
+    pz = grey.shape[0] - (smooth[2].shape[0] - 1)
+    py = ny - (smooth[1].shape[0] - 1)
+    px = nx - (smooth[0].shape[0] - 1)
+    length = window[2].shape[0]
     even = np.empty((ny, nx), np.float32)
     odd = np.empty((ny, nx), np.float32)
     along_x = np.empty(nx, np.float32)
@@ -226,36 +252,43 @@ def tensor_block(grey, smooth_x, smooth_y, smooth_z, slope_x, slope_y, slope_z, 
     gx = np.empty(px, np.float32)
     gy = np.empty(px, np.float32)
     gz = np.empty(px, np.float32)
-    vote = np.empty(px, np.float32)
+    weight = np.empty(px, np.float32)
     product = np.empty((channels, px), np.float32)
-    phases = np.empty((stride, px // stride + 2), np.float32)
+    phases = np.empty((stride[0], px // stride[0] + 2), np.float32)
     rows = np.empty((py, channels * ox), np.float32)
     ring = np.empty((oy, length, channels * ox), np.float32)
     planes = grey.reshape(grey.shape[0], ny * nx)
     for plane in range(pz):
         for y in range(ny):
-            _both_across(planes, plane, y * nx, smooth_z, slope_z, even[y], odd[y])
+            _both_across(planes, plane, y * nx, smooth[2], slope[2], even[y], odd[y])
         for y in range(py):
-            _both_across(even, y, 0, smooth_y, slope_y, along_x, along_y)
-            _even_across(odd, y, 0, smooth_y, along_z)
-            _odd(along_x, slope_x, gx)
-            _even(along_y, smooth_x, gy)
-            _even(along_z, smooth_x, gz)
-            _scale(vote_x, vote_z[plane] * vote_y[y], vote)
+            _both_across(even, y, 0, smooth[1], slope[1], along_x, along_y)
+            _even_across(odd, y, 0, smooth[1], along_z)
+            _odd(along_x, slope[0], gx)
+            _even(along_y, smooth[0], gy)
+            _even(along_z, smooth[0], gz)
+            _scale(vote[0], vote[2][plane] * vote[1][y], weight)
             if weighted:
                 own = votes[plane, y]
                 for i in range(px):
-                    vote[i] *= own[i]
-                product[6, :] = vote
-            _products(gx, gy, gz, vote, product)
+                    weight[i] *= own[i]
+                product[6, :] = weight
+            _products(gx, gy, gz, weight, product)
             for c in range(channels):
-                _window_x(product[c], window_x, stride, phases, rows[y, c * ox : (c + 1) * ox])
+                _window_x(product[c], window[0], stride[0], phases, rows[y, c * ox : (c + 1) * ox])
         slot = plane % length
         for y in range(oy):
             for c in range(channels):
-                _even_across(rows, y * stride, c * ox, window_y, ring[y, slot, c * ox : (c + 1) * ox])
+                _even_across(rows, y * stride[1], c * ox, window[1], ring[y, slot, c * ox : (c + 1) * ox])
         first = plane - (length - 1)
-        if first >= 0 and first % stride == 0:
+        if first >= 0 and first % stride[2] == 0:
+            z = first // stride[2]
             for y in range(oy):
                 for c in range(channels):
-                    _even_across(ring[y], first, c * ox, window_z, out[first // stride, y, c])
+                    _even_across(ring[y], first, c * ox, window[2], out[z, y, c])
+                if averaged and weighted:
+                    for c in range(6):
+                        _finish_weighted(out[z, y, c], out[z, y, 6], noise[c])
+                elif averaged:
+                    for c in range(6):
+                        _finish(out[z, y, c], inverse[2][z] * inverse[1][y], inverse[0], noise[c])

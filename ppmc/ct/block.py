@@ -1,0 +1,164 @@
+"""One block of a volume: which voxels it must read, and the tensors and orientations of the voxels it owns.
+
+All axes triples here are (z, y, x), as arrays are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmc.ct.settings import Settings
+from ppmc.ct.source import Volume
+from ppmc.ct.tensor import tensor_block
+
+Floats = NDArray[np.float32]
+Box = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
+
+EDGE_VOTE = 1e-3
+"""Weight of gradients so near the volume's edge that they were made with mirrored grey values."""
+NO_VOTES = np.empty((0, 0, 0), np.float32)
+EMPTY = np.empty(0, np.float32)
+NO_COARSE = np.empty((0, 0, 6, 0), np.float32)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Grey value taken as zero, and as one: tensors are computed in these units, so that float32 is enough."""
+
+    middle: float
+    unit: float
+
+
+@dataclass(frozen=True)
+class Coarse:
+    """Tensors of the large window on the coarse grid.
+
+    Attributes
+    ----------
+    tensors : (cz, cy, 6, cx) float32
+    start, step : (3,) ints (z, y, x)
+        Voxel at the centre of the first cell, and voxels per cell.
+    """
+
+    tensors: Floats
+    start: tuple[int, int, int]
+    step: tuple[int, int, int]
+
+
+def edge_votes(n: int, margin: int, first: int, last: int) -> Floats:
+    """Return the votes of voxels first..last-1 along an axis of n voxels: 0 outside, little near the edge, else 1."""
+    i = np.arange(first, last)
+    inside = np.minimum(i, n - 1 - i)
+    margin = min(margin, (n - 1) // 2)
+    return np.where(inside < 0, 0.0, np.where(inside < margin, EDGE_VOTE, 1.0)).astype(np.float32)
+
+
+def read_padded(volume: Volume, box: Box, reference: Reference) -> Floats:
+    """Read a box that may reach beyond the volume, mirrored there, in units of the reference."""
+    inner, pad = _clipped(volume, box)
+    grey = volume.grey(inner)
+    grey -= np.float32(reference.middle)
+    grey *= np.float32(1.0 / reference.unit)
+    return np.pad(grey, pad, mode="symmetric") if pad else grey
+
+
+def window_tensors(
+    volume: Volume,
+    chosen: Settings,
+    reference: Reference,
+    ranges: Box,
+    window: tuple[Floats, Floats, Floats],
+    *,
+    stride: tuple[int, int, int] = (1, 1, 1),
+    averaged: bool = True,
+    noise: Floats | None = None,
+) -> Floats:
+    """Return windowed tensors at voxels first, first + stride, ... below last along each axis.
+
+    Parameters
+    ----------
+    volume : Volume
+        Grey values, and the mask if there is one.
+    chosen : Settings
+        Derivative filters.
+    reference : Reference
+        Unit of the grey values.
+    ranges : three pairs of int (z, y, x)
+        First voxel and end; may lie outside the volume.
+    window : three arrays (x, y, z)
+        Taps.
+    stride : tuple of int (z, y, x)
+        Distance of the voxels.
+    averaged : bool
+        Divide by the window's votes; else return the sums, and the votes as a seventh channel.
+    noise : ndarray, shape (6,), optional
+        Tensor to subtract from averages.
+
+    Returns
+    -------
+    ndarray, shape (oz, oy, 6 or 7, ox)
+        A seventh channel holds the windowed votes where there is a mask.
+    """
+    counts = tuple((b - a + s - 1) // s for (a, b), s in zip(ranges, stride, strict=True))
+    reach = [len(t) // 2 for t in window[::-1]]
+    spans = tuple(
+        (a - r, a + (n - 1) * s + 1 + r) for (a, _), n, s, r in zip(ranges, counts, stride, reach, strict=True)
+    )
+    gradient = chosen.gradient_radius[::-1]
+    box = tuple((a - g, b + g) for (a, b), g in zip(spans, gradient, strict=True))
+    margins = tuple(-(-g // 2) for g in gradient)
+    grey = read_padded(volume, box, reference)  # type: ignore[arg-type]
+    masked = volume.read_mask is not None or not averaged
+    if masked:
+        votes = _mask_votes(volume, grey, box, gradient, margins)  # type: ignore[arg-type]
+        vote = tuple(np.ones(b - a, np.float32) for a, b in spans)[::-1]
+        inverse = tuple(np.ones(n if averaged else 0, np.float32) for n in counts)[::-1]
+    else:
+        votes = NO_VOTES
+        vote = tuple(edge_votes(n, m, *s) for n, m, s in zip(volume.shape, margins, spans, strict=True))[::-1]
+        inverse = tuple(
+            _inverse(t, v, n, s) for t, v, n, s in zip(window, vote, counts[::-1], stride[::-1], strict=True)
+        )
+    out = np.empty((counts[0], counts[1], 7 if masked else 6, counts[2]), np.float32)
+    share = np.zeros(6, np.float32) if noise is None else noise
+    tensor_block(grey, chosen.smooth, chosen.slope, window, vote, votes, inverse, share, stride[::-1], out)
+    return out
+
+
+def _inverse(taps: Floats, vote: Floats, count: int, stride: int) -> Floats:
+    """Return one over the windowed votes along an axis, zero where nobody votes."""
+    total = np.array([taps @ vote[i * stride : i * stride + len(taps)] for i in range(count)], np.float32)
+    return np.divide(1.0, total, out=np.zeros_like(total), where=total > 0)
+
+
+def _mask_votes(
+    volume: Volume, grey: Floats, box: Box, gradient: tuple[int, int, int], margins: tuple[int, int, int]
+) -> Floats:
+    """Return votes inside the specimen, little ones near its surface, and set the grey values outside to zero.
+
+    Zero is the mean grey value, so that what is left of the step to the air is no larger than the texture.
+    """
+    from scipy.ndimage import minimum_filter1d
+
+    inner, pad = _clipped(volume, box)
+    if volume.read_mask is None:
+        mask = np.ones([s.stop - s.start for s in inner], np.float32)
+    else:
+        mask = (volume.read_mask(inner) != 0).astype(np.float32)
+        grey *= np.pad(mask, pad, mode="symmetric") if pad else mask
+    mask = np.pad(mask, pad) if pad else mask
+    core = mask
+    for axis, margin in enumerate(margins):
+        core = minimum_filter1d(core, 2 * margin + 1, axis=axis, mode="nearest")
+    part = tuple(slice(g, n - g) for g, n in zip(gradient, mask.shape, strict=True))
+    return np.ascontiguousarray(np.where(core[part] > 0, mask[part], np.float32(EDGE_VOTE) * mask[part]))
+
+
+def _clipped(volume: Volume, box: Box) -> tuple[tuple[slice, slice, slice], list[tuple[int, int]] | None]:
+    """Return the part of a box inside the volume, and what to pad around it."""
+    inner = tuple(slice(max(a, 0), min(b, n)) for (a, b), n in zip(box, volume.shape, strict=True))
+    pad = [(s.start - a, b - s.stop) for (a, b), s in zip(box, inner, strict=True)]
+    return inner, pad if any(p != (0, 0) for p in pad) else None  # type: ignore[return-value]

@@ -1,0 +1,148 @@
+"""Filters and windows of a run: what the scene asks for, or what follows from voxel size and platelet thickness."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmc.ct import filters
+from ppmc.errors import SceneError
+from ppmc.scene.ct import CtSection
+
+Triple = tuple[float, float, float]
+Three = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
+
+FINEST_SIGMA = 0.5
+THIN = 0.7
+"""Standard deviation of the window for p across platelets, voxels: just enough to average one gradient's noise."""
+IN_PLANE = 3.5
+"""Standard deviation of the window for p along platelets, voxels."""
+ROUND = 2.0
+"""Standard deviation of the window for p where the plane of the platelets is not known, voxels."""
+NORMAL_VOXELS, NORMAL_THICKNESSES = 8.0, 1.3
+"""Standard deviation of the window for r: the larger of so many voxels and so many platelet thicknesses."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Standard deviations in mm and the filters they give; triples are in the order x, y, z.
+
+    Attributes
+    ----------
+    sigma, fibre_window, normal_window : tuple of float
+        Standard deviations, mm. ``normal_window`` is None where r comes from the window of p.
+    smooth, slope, window : three arrays
+        Taps of Gaussian, derivative (per mm) and window for p.
+    cell : tuple of int
+        Voxels per cell of the coarse grid on which the window for r is applied.
+    side_steps : int
+        Reach of displaced windows, voxels.
+    """
+
+    sigma: Triple
+    fibre_window: Triple
+    normal_window: Triple | None
+    smooth: Three
+    slope: Three
+    window: Three
+    cell: tuple[int, int, int]
+    side_steps: int
+
+    @property
+    def gradient_radius(self) -> tuple[int, int, int]:
+        """Half length of the derivative filters, voxels."""
+        return _radii(self.smooth)
+
+    @property
+    def window_radius(self) -> tuple[int, int, int]:
+        """Half length of the window for p, voxels."""
+        return _radii(self.window)
+
+
+def settings(section: CtSection, spacing: Triple, shape: tuple[int, int, int], thickness: float | None) -> Settings:
+    """Work out filters and windows.
+
+    Parameters
+    ----------
+    section : CtSection
+        The scene's wishes.
+    spacing : tuple of float
+        Voxel size (x, y, z), mm.
+    shape : tuple of int
+        Number of voxels (nz, ny, nx).
+    thickness : float or None
+        Platelet thickness, mm, if known.
+
+    Raises
+    ------
+    SceneError
+        If a filter is finer than the voxels, or a window larger than the volume.
+    """
+    h = np.array(spacing)
+    extent = h * shape[::-1]
+    sigma = section.sigma if section.sigma is not None else float(max(h.min(), 0.7 * h.max()))
+    if sigma < FINEST_SIGMA * h.max():
+        raise SceneError(
+            f"ct: sigma is {sigma:.4g} mm, finer than half a voxel ({h.max():.4g} mm); "
+            f"use at least {FINEST_SIGMA * h.max():.4g} mm"
+        )
+    fibre = _fibre_window(section, h, thickness)
+    normal = section.normal_window
+    if normal is None:
+        wish = max(NORMAL_VOXELS * float(h.min()), NORMAL_THICKNESSES * (thickness or 0.0))
+        normal = min(wish, float(extent.min()) / 4.0)
+    for name, window in (("fibre_window", fibre), ("normal_window", np.full(3, normal)), ("sigma", np.full(3, sigma))):
+        for axis, width, edge in zip("xyz", window, extent, strict=True):
+            if 4.0 * width > edge:
+                raise SceneError(
+                    f"ct: {name}: a window of standard deviation {width:.4g} mm is larger than the volume, "
+                    f"which measures {edge:.4g} mm along {axis}; use at most {edge / 4.0:.4g} mm"
+                )
+    fine = [float(sigma / step) for step in h]
+    slope = [filters.derivative(s) / np.float32(step) for s, step in zip(fine, h, strict=True)]
+    two_scales = normal > float(fibre.max()) * 1.01 or section.normal_window is not None
+    cells = tuple(int(max(1, min(8, normal // (2.0 * step)))) for step in h)
+    return Settings(
+        sigma=(sigma, sigma, sigma),
+        fibre_window=_triple(fibre),
+        normal_window=(normal, normal, normal) if two_scales else None,
+        smooth=_three([filters.gaussian(s) for s in fine]),
+        slope=_three([s.astype(np.float32) for s in slope]),
+        window=_three([filters.gaussian(float(w / step)) for w, step in zip(fibre, h, strict=True)]),
+        cell=cells,  # type: ignore[arg-type]
+        side_steps=section.side_steps if section.side_steps is not None else (1 if thickness else 0),
+    )
+
+
+def _fibre_window(section: CtSection, h: NDArray[np.float64], thickness: float | None) -> NDArray[np.float64]:
+    """Return the window for p: flat where platelets are known to lie flat, else round."""
+    if section.fibre_window is not None:
+        window = section.fibre_window
+        return np.array(window if isinstance(window, tuple) else (window,) * 3)
+    if thickness is None:
+        return np.full(3, ROUND * h.min())
+    return np.array([IN_PLANE * h[:2].min(), IN_PLANE * h[:2].min(), THIN * h[2]])
+
+
+def coarse_sigma(width: float, spacing: float, cell: int) -> float:
+    """Return the standard deviation, in cells, that makes up a window of ``width`` mm on the coarse grid.
+
+    Averaging over the cell and interpolating between cells widen the window too; their variance is taken off.
+    """
+    variance = (width / spacing) ** 2 - (cell**2 - 1) / 12.0 - cell**2 / 6.0 * (cell > 1)
+    return math.sqrt(max(variance, 0.25)) / cell
+
+
+def _radii(taps: Three) -> tuple[int, int, int]:
+    return (len(taps[0]) // 2, len(taps[1]) // 2, len(taps[2]) // 2)
+
+
+def _three(parts: list[NDArray[np.float32]]) -> Three:
+    return (parts[0], parts[1], parts[2])
+
+
+def _triple(values: NDArray[np.float64]) -> Triple:
+    return (float(values[0]), float(values[1]), float(values[2]))

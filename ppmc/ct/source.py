@@ -1,0 +1,269 @@
+"""Grey-value volumes of any common kind, read in blocks.
+
+Raw files, TIFF (one file of many pages or a folder of slices), HDF5 datasets and ppmc's own volume files all become a
+:class:`Volume`: shape, number type, voxel size if the file knows it, and a function that reads a box.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmc.errors import InputFileError, SceneError
+from ppmc.scene.ct import VolumeSource
+
+Box = tuple[slice, slice, slice]
+TIFF = {".tif", ".tiff"}
+HDF5 = {".h5", ".hdf5", ".hdf", ".nxs"}
+RAW = {".raw", ".bin", ".dat", ".vol"}
+
+
+@dataclass(frozen=True)
+class Volume:
+    """A volume that is read in boxes.
+
+    Attributes
+    ----------
+    path : Path
+        File or folder.
+    shape : tuple of int
+        Number of voxels (nz, ny, nx).
+    dtype : numpy.dtype
+        Number type.
+    read : callable
+        Returns the voxels of a box of slices (z, y, x).
+    spacing : tuple of float or None
+        Voxel size (x, y, z) in mm, if the file states it.
+    origin, direction
+        Place of the grid, if the file states it.
+    read_mask : callable or None
+        Returns the file's own mask.
+    """
+
+    path: Path
+    shape: tuple[int, int, int]
+    dtype: np.dtype[Any]
+    read: Callable[[Box], NDArray[Any]]
+    spacing: tuple[float, float, float] | None = None
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    direction: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    read_mask: Callable[[Box], NDArray[Any]] | None = None
+
+    def grey(self, box: Box) -> NDArray[np.float32]:
+        """Return grey values of a box as float32.
+
+        Raises
+        ------
+        InputFileError
+            If a value is NaN or infinite, naming the voxel.
+        """
+        values = self.read(box)
+        if values.dtype.kind == "f":
+            finite = np.isfinite(values)
+            if not finite.all():
+                where = np.argwhere(~finite)[0] + [s.start for s in box]
+                raise InputFileError(
+                    f"{self.path}: voxel [z, y, x] = {[int(i) for i in where]} is not a finite number; "
+                    "replace such voxels (for example by the mean) or mask them and fill with zero"
+                )
+        return np.ascontiguousarray(values, np.float32)
+
+
+@contextmanager
+def open_volume(path: Path, source: VolumeSource) -> Iterator[Volume]:
+    """Open a volume.
+
+    Parameters
+    ----------
+    path : Path
+        File or folder of slices; the ending tells the kind.
+    source : VolumeSource
+        What the scene says about files that do not describe themselves.
+
+    Raises
+    ------
+    InputFileError
+        If the file is missing, damaged, or does not have the shape it should.
+    SceneError
+        If the scene lacks what a raw file needs.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise InputFileError(f"{path}: no such file or folder; give the CT volume with --input or ct: source: path:")
+    ending = path.suffix.lower()
+    with ExitStack() as stack:
+        if path.is_dir() and ending != ".zarr":
+            volume = _folder(path)
+        elif ending == ".vtkhdf":
+            volume = stack.enter_context(_own(path))
+        elif ending in HDF5:
+            volume = stack.enter_context(_hdf5(path, source.dataset))
+        elif ending in TIFF:
+            volume = stack.enter_context(_tiff(path))
+        elif ending in RAW or source.shape is not None:
+            volume = _raw(path, source)
+        else:
+            raise InputFileError(
+                f"{path}: unknown kind of file '{ending}'; known are .vtkhdf, .h5, .hdf5, .tif, a folder of .tif, "
+                "and raw files with ct: source: shape: and dtype:"
+            )
+        if volume.dtype.kind not in "uif":
+            raise InputFileError(f"{path}: holds {volume.dtype}; grey values must be integer or floating-point numbers")
+        if min(volume.shape) < 1:
+            raise InputFileError(f"{path}: has shape {volume.shape}; there are no voxels in it")
+        yield volume
+
+
+def _raw(path: Path, source: VolumeSource) -> Volume:
+    if source.shape is None or source.dtype is None:
+        raise SceneError(
+            f"{path}: a raw file needs ct: source: shape: [nz, ny, nx] and dtype: in the scene; "
+            f"given are shape {source.shape} and dtype {source.dtype}"
+        )
+    dtype = np.dtype(source.dtype).newbyteorder("<" if source.byte_order == "little" else ">")
+    need = int(np.prod(source.shape, dtype=np.int64)) * dtype.itemsize + source.header_bytes
+    have = path.stat().st_size
+    if need != have:
+        raise InputFileError(
+            f"{path}: has {have:,} bytes, but shape {list(source.shape)} of {source.dtype} with "
+            f"{source.header_bytes} header bytes needs {need:,}; correct ct: source:"
+        )
+    data = np.memmap(path, dtype, "r", source.header_bytes, source.shape)
+    return Volume(path, source.shape, dtype, lambda box: np.asarray(data[box]))
+
+
+@contextmanager
+def _own(path: Path) -> Iterator[Volume]:
+    from ppmc.files import read_voxels
+
+    with read_voxels(path, "volume") as file:
+        dtype = np.asarray(file.read("grey", (slice(0, 1), slice(0, 1), slice(0, 1)))).dtype
+        grid = file.grid
+        yield Volume(
+            path, grid.shape, dtype, lambda box: file.read("grey", box), grid.spacing, grid.origin, grid.direction,
+            (lambda box: file.read("mask", box)) if "mask" in file.names else None,
+        )  # fmt: skip
+
+
+@contextmanager
+def _hdf5(path: Path, name: str | None) -> Iterator[Volume]:
+    from ppmc.files.guard import dataset_of, open_guarded
+
+    with open_guarded(path, None) as file:
+        data = dataset_of(file, name or _only_volume(file, path), path)
+        if data.ndim != 3:
+            raise InputFileError(f"{path}: {data.name} has shape {data.shape}; a volume has three dimensions (z, y, x)")
+        yield Volume(path, data.shape, data.dtype, lambda box: np.asarray(data[box]))
+
+
+def _only_volume(file: Any, path: Path) -> str:
+    """Return the name of the only three-dimensional dataset."""
+    import h5py
+
+    found: list[str] = []
+    file.visititems(
+        lambda name, item: found.append(name) if isinstance(item, h5py.Dataset) and item.ndim == 3 else None
+    )
+    if len(found) != 1:
+        listing = ", ".join(found) or "none"
+        raise InputFileError(
+            f"{path}: name the volume with ct: source: dataset:; three-dimensional datasets: {listing}"
+        )
+    return found[0]
+
+
+@contextmanager
+def _tiff(path: Path) -> Iterator[Volume]:
+    import tifffile
+
+    try:
+        file = tifffile.TiffFile(path)
+        pages = list(file.pages)
+    except (tifffile.TiffFileError, OSError, ValueError, IndexError) as error:
+        raise InputFileError(f"{path}: cannot be read as TIFF: {error}") from None
+    with file:
+        if not pages:
+            raise InputFileError(f"{path}: is a TIFF file without images")
+        first = pages[0]
+        if first.ndim == 3 and len(pages) == 1:
+            data = _page(first, path)
+            yield Volume(path, data.shape, data.dtype, lambda box: data[box])
+            return
+        if first.ndim != 2:
+            raise InputFileError(f"{path}: its images have shape {first.shape}; grey-value slices (y, x) are needed")
+        for number, page in enumerate(pages):
+            _same_slice(page, first, f"{path}: page {number}")
+        shape = (len(pages), *first.shape)
+
+        def read(box: Box) -> NDArray[Any]:
+            return np.stack([_page(pages[z], path)[box[1:]] for z in range(*box[0].indices(len(pages)))])
+
+        yield Volume(path, shape, first.dtype, read)  # type: ignore[arg-type]
+
+
+def _page(page: Any, path: Path) -> NDArray[Any]:
+    """Return the image of a page; tifffile fills what a truncated file lacks with zeros, so that is checked here."""
+    size = path.stat().st_size
+    if any(a + n > size for a, n in zip(page.dataoffsets, page.databytecounts, strict=True)):
+        raise InputFileError(f"{path}: page {page.index} ends beyond the file's {size:,} bytes; the file is truncated")
+    try:
+        return np.asarray(page.asarray())
+    except Exception as error:  # tifffile's decoders raise whatever they meet
+        raise InputFileError(f"{path}: page {page.index} is damaged: {error}") from None
+
+
+def _same_slice(page: Any, first: Any, where: str) -> None:
+    if page.shape != first.shape or page.dtype != first.dtype:
+        raise InputFileError(
+            f"{where} is {page.shape} {page.dtype}, but the first slice is {first.shape} {first.dtype}; "
+            "all slices of a stack must be alike"
+        )
+
+
+def _folder(path: Path) -> Volume:
+    import tifffile
+
+    def natural(file: Path) -> list[Any]:
+        return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)]
+
+    files = sorted((f for f in path.iterdir() if f.suffix.lower() in TIFF), key=natural)
+    if not files:
+        raise InputFileError(f"{path}: folder without .tif slices")
+
+    def slice_of(file: Path) -> NDArray[Any]:
+        try:
+            with tifffile.TiffFile(file) as tiff:
+                return _page(tiff.pages[0], file)
+        except (tifffile.TiffFileError, OSError, IndexError) as error:
+            raise InputFileError(f"{file}: cannot be read as TIFF: {error}") from None
+
+    def header_of(file: Path) -> tuple[tuple[int, ...], Any]:
+        try:
+            with tifffile.TiffFile(file) as tiff:
+                page = tiff.pages[0]
+                return page.shape, page.dtype
+        except (tifffile.TiffFileError, OSError, IndexError) as error:
+            raise InputFileError(f"{file}: cannot be read as TIFF: {error}") from None
+
+    shape, dtype = header_of(files[0])
+    if len(shape) != 2:
+        raise InputFileError(f"{files[0]}: has shape {shape}; grey-value slices (y, x) are needed")
+    for file in files[1:]:
+        other = header_of(file)
+        if other != (shape, dtype):
+            raise InputFileError(
+                f"{file}: is {other[0]} {other[1]}, but {files[0].name} is {shape} {dtype}; "
+                "all slices of a stack must be alike"
+            )
+
+    def read(box: Box) -> NDArray[Any]:
+        return np.stack([slice_of(files[z])[box[1:]] for z in range(*box[0].indices(len(files)))])
+
+    return Volume(path, (len(files), shape[0], shape[1]), np.dtype(dtype), read)
