@@ -48,7 +48,7 @@ class Progress:
 
     def __enter__(self) -> Progress:
         self._start = self._last_time = time.monotonic()
-        self._last_share = 0.0
+        self._lines = 0
         if sys.stderr.isatty():
             from rich.console import Console
             from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -80,8 +80,9 @@ class Progress:
             return
         now = time.monotonic()
         share = done / self.total if self.total > 0 else 1.0
-        if share - self._last_share >= LINE_EVERY_SHARE or now - self._last_time >= LINE_EVERY_SECONDS:
-            self._last_share, self._last_time = share, now
+        lines = int(share / LINE_EVERY_SHARE + 1e-9)
+        if lines > self._lines or now - self._last_time >= LINE_EVERY_SECONDS:
+            self._lines, self._last_time = lines, now
             elapsed = now - self._start
             eta = _clock(elapsed * (1.0 - share) / share) if 0.0 < share <= 1.0 else "?"
             count = f"{done:.6g}/{self.total:.6g} {self.unit} ({share:.0%})"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -51,8 +52,11 @@ def open_guarded(path: Path, product: str | None) -> Iterator[h5py.File]:
         try:
             _check_schema(file, path, product)
             yield file
-        except (OSError, RuntimeError) as error:
-            # HDF5 reports damage inside a file only when the damaged part is read.
+        except (OSError, RuntimeError, KeyError, UnicodeDecodeError, json.JSONDecodeError) as error:
+            # HDF5 reports damage inside a file only when the damaged part is read; h5py turns some of these reports
+            # into KeyError, which is a fault of the program if it says anything else.
+            if isinstance(error, KeyError) and "Unable to" not in str(error):
+                raise
             raise InputFileError(f"{path}: is damaged: {str(error).splitlines()[0]}") from None
 
 
