@@ -2,7 +2,8 @@
 
 Near the surface each node takes the least distance over all triangles near it, layer by layer (a layer is written by
 one thread only, so the result does not depend on their number). Further off, nodes try the nearest triangles of their
-neighbours (fast sweeping), where the distance may be too large by a fifth of the spacing. The sign comes from crossings of the node's vertical line with the mesh.
+neighbours (fast sweeping), where the distance may be too large by a fifth of the spacing. The sign comes from the
+crossings of the node's vertical line with the mesh.
 """
 
 from __future__ import annotations

@@ -200,6 +200,8 @@ def _read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
         raise InputFileError(f"{path}: the file is empty; export the surface again")
     if path.suffix.lower() == ".stl":
         _check_stl_length(path)
+    if path.suffix.lower() == ".ply":
+        _check_ply_header(path)
     import meshio
 
     said = io.StringIO()
@@ -233,6 +235,14 @@ def _check_stl_length(path: Path) -> None:
         )
 
 
+def _check_ply_header(path: Path) -> None:
+    """Refuse a PLY file whose header does not end; meshio would wait for its end for ever."""
+    with path.open("rb") as file:
+        head = file.read(65536)
+    if not head.startswith(b"ply") or b"end_header" not in head:
+        raise InputFileError(f"{path}: not a PLY file with a complete header; export the surface again")
+
+
 def _triangles_of(mesh: Any, path: Path) -> tuple[FloatArray, IntArray]:
     """Return the vertices and triangles of a meshio mesh; quadrilaterals are split."""
     found: list[IntArray] = []
@@ -249,6 +259,8 @@ def _triangles_of(mesh: Any, path: Path) -> tuple[FloatArray, IntArray]:
                 "a surface needs triangles: extract the outer surface and export that"
             )
     points = np.asarray(mesh.points, dtype=float)
+    if points.size == 0:
+        raise InputFileError(f"{path}: holds no vertices and no triangles; export the surface again as a triangle mesh")
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputFileError(f"{path}: vertices have {points.shape[-1]} coordinates; a surface in space needs three")
     triangles = np.concatenate(found) if found else np.zeros((0, 3), dtype=np.int64)

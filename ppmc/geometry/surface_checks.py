@@ -27,7 +27,7 @@ def check_vertices(points: FloatArray, triangles: IntArray, name: str) -> None:
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if len(bad):
         raise InputFileError(
-            f"{name}: {len(bad)} vertices are not finite, the first is number {bad[0]} "
+            f"{name}: coordinates that are not finite in {len(bad)} vertices, the first is number {bad[0]} "
             f"({points[bad[0]].tolist()}); export the surface again"
         )
 
@@ -49,9 +49,9 @@ def check_closed(points: FloatArray, triangles: IntArray, name: str, *, crossing
     if len(triangles) == 0:
         raise InputFileError(f"{name}: all triangles are degenerate (two equal vertices); export it at a finer setting")
     _check_edges(points, triangles, name)
-    _check_orientation(points, triangles, name)
     if crossing:
         _check_crossing(points, triangles, name)
+    _check_orientation(points, triangles, name)
 
 
 def _check_edges(points: FloatArray, triangles: IntArray, name: str) -> None:
@@ -100,7 +100,7 @@ def _check_orientation(points: FloatArray, triangles: IntArray, name: str) -> No
     if volume < 0:
         raise InputFileError(
             f"{name}: the surface is inside out (volume {volume:.4g} mm^3): its normals point inward. "
-            "Flip all triangles; if it bounds a cavity, flip them too and set `inside: true`"
+            "Flip all triangles; a surface that bounds a cavity also points away from it, with `inside: true`"
         )
     bodies = _bodies(triangles, len(points))
     if len(bodies) == 1 or len(bodies) > 200:
