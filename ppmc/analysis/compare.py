@@ -91,7 +91,7 @@ def _pair(volume: VoxelFile, ct: Source, interior: Region) -> tuple[AngleErrors,
     for part in ct.parts():
         part = part.select(interior.contains(part.positions))
         index = np.rint(volume.grid.to_index(part.positions)).astype(np.int64)
-        within = ((index >= 0) & (index < [nx, ny, nz])).all(axis=1)
+        within = np.asarray(((index >= 0) & (index < [nx, ny, nz])).all(axis=1))
         index, part = index[within], part.select(within)
         if not len(part) or part.fibre_direction is None or part.platelet_normal is None:
             continue

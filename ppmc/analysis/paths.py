@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ppmc.analysis.regions import Region, box, cylinder, frame_about, sphere
 from ppmc.errors import SceneError
@@ -49,8 +50,8 @@ def straight_path(
     name: str,
     axis: int,
     slices: int,
-    lower: np.ndarray,
-    upper: np.ndarray,
+    lower: ArrayLike,
+    upper: ArrayLike,
 ) -> InspectionPath:
     """Cut a box into equal slices along one axis and average over width and thickness (J Figs 13 and 14).
 
@@ -70,17 +71,17 @@ def straight_path(
     SceneError
         If the box is empty or unbounded along the path.
     """
-    lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
-    if not np.isfinite([lower[axis], upper[axis]]).all() or not upper[axis] > lower[axis]:
+    low, high = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
+    if not np.isfinite([low[axis], high[axis]]).all() or not high[axis] > low[axis]:
         raise SceneError(
-            f"path '{name}': needs finite bounds along {AXIS_NAMES[axis]}, got {lower[axis]} to {upper[axis]} mm"
+            f"path '{name}': needs finite bounds along {AXIS_NAMES[axis]}, got {low[axis]} to {high[axis]} mm"
         )
-    edges = np.linspace(lower[axis], upper[axis], slices + 1)
+    edges = np.linspace(low[axis], high[axis], slices + 1)
     regions = []
     for k in range(slices):
-        low, high = lower.copy(), upper.copy()
-        low[axis], high[axis] = edges[k], edges[k + 1]
-        regions.append(box(f"{name}[{k}]", low, high))
+        first, last = low.copy(), high.copy()
+        first[axis], last[axis] = edges[k], edges[k + 1]
+        regions.append(box(f"{name}[{k}]", first, last))
     width = edges[1] - edges[0]
     return InspectionPath(
         name=name,
@@ -97,9 +98,9 @@ def straight_path(
 
 def circle_path(
     name: str,
-    centre: np.ndarray,
-    axis: np.ndarray,
-    zero: np.ndarray,
+    centre: ArrayLike,
+    axis: ArrayLike,
+    zero: ArrayLike,
     inner_radius: float,
     outer_radius: float,
     height: float,
@@ -120,6 +121,7 @@ def circle_path(
         Angle each region spans, degrees.
     """
     base = frame_about(axis, zero)
+    middle = np.asarray(centre, dtype=float)
     angles = np.arange(points) * (2.0 * np.pi / points)
     half = 0.5 * np.radians(width)
     regions = tuple(
@@ -140,7 +142,7 @@ def circle_path(
         components=("r", "θ", third),
         description=f"{points} regions of {width:.3g}° around the axis ({', '.join(f'{c:.3g}' for c in base[2])}) "
         "through "
-        f"({', '.join(f'{c:.4g}' for c in centre)}) mm, radius {inner_radius:.4g} to {outer_radius:.4g} mm, "
+        f"({', '.join(f'{c:.4g}' for c in middle)}) mm, radius {inner_radius:.4g} to {outer_radius:.4g} mm, "
         f"{height:.4g} mm along the axis; "
         f"θ = 0 towards ({', '.join(f'{c:.3g}' for c in base[0])})",
     )
@@ -199,7 +201,7 @@ def swept_path(
     )
 
 
-def line_path(name: str, points: np.ndarray, radius: float, steps: int, up: np.ndarray) -> InspectionPath:
+def line_path(name: str, points: ArrayLike, radius: float, steps: int, up: ArrayLike) -> InspectionPath:
     """Set balls along a polygonal line, in local components t (along), s (across), n (near `up`).
 
     Parameters

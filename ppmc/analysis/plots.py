@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -18,7 +19,13 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), "-", "--")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 
-STYLE = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "axes.spines.top": False, "axes.spines.right": False}
+STYLE: Any = {
+    "font.size": 9,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+}
 
 
 @dataclass(frozen=True)
@@ -82,16 +89,16 @@ def plot_path(path: InspectionPath, series: Sequence[PathSeries], normals: bool 
         return drawing
 
 
-def _mark_empty(ax: object, coordinate: np.ndarray, averages: Sequence[RegionAverages], tensor: str) -> None:
+def _mark_empty(ax: Any, coordinate: np.ndarray, averages: Sequence[RegionAverages], tensor: str) -> None:
     """Put grey strokes at the foot where no source has material; say so where nothing is known at all."""
     known = np.zeros(len(coordinate), dtype=bool)
     for average in averages:
         known |= np.isfinite(getattr(average, tensor)[:, 0, 0])
     if not known.any():
-        ax.text(0.5, 0.5, "no data", transform=ax.transAxes, ha="center", color="0.4")  # type: ignore[attr-defined]
+        ax.text(0.5, 0.5, "no data", transform=ax.transAxes, ha="center", color="0.4")
     elif not known.all():
         empty = coordinate[~known]
-        ax.plot(empty, np.zeros(len(empty)), "|", color="0.5", markersize=8)  # type: ignore[attr-defined]
+        ax.plot(empty, np.zeros(len(empty)), "|", color="0.5", markersize=8)
 
 
 def plot_kinematics(rows: Sequence[Kinematics]) -> Figure:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ppmc.errors import SceneError
 
@@ -144,7 +145,7 @@ def everything(name: str = "whole") -> Region:
 
 
 def box(
-    name: str, lower: np.ndarray, upper: np.ndarray, axes: np.ndarray | None = None, origin: np.ndarray | None = None
+    name: str, lower: ArrayLike, upper: ArrayLike, axes: ArrayLike | None = None, origin: ArrayLike | None = None
 ) -> Region:
     """Return a box between ``lower`` and ``upper`` (mm) in the frame ``axes`` (rows) about ``origin``.
 
@@ -162,14 +163,14 @@ def box(
 
 def cylinder(
     name: str,
-    centre: np.ndarray,
-    axis: np.ndarray,
+    centre: ArrayLike,
+    axis: ArrayLike,
     height: float,
     outer_radius: float,
     inner_radius: float = 0.0,
     start_angle: float = 0.0,
     end_angle: float = TURN,
-    reference: np.ndarray | None = None,
+    reference: ArrayLike | None = None,
 ) -> Region:
     """Return a cylinder, tube or sector of one, centred at mid-height (mm, rad).
 
@@ -187,14 +188,14 @@ def cylinder(
     return Region(name, "cylinder", np.asarray(centre, dtype=float), frame_about(axis, reference), low, high)
 
 
-def sphere(name: str, centre: np.ndarray, radius: float) -> Region:
+def sphere(name: str, centre: ArrayLike, radius: float) -> Region:
     """Return a ball of ``radius`` mm."""
     low, high = np.zeros(3), np.array([radius, 0.0, 0.0])
     _check_order(name, low[:1], high[:1])
     return Region(name, "sphere", np.asarray(centre, dtype=float), np.eye(3), low, high)
 
 
-def frame_about(axis: np.ndarray, reference: np.ndarray | None = None) -> np.ndarray:
+def frame_about(axis: ArrayLike, reference: ArrayLike | None = None) -> np.ndarray:
     """Return rows (e1, e2, axis) of a right-handed frame with e1 along the part of ``reference`` normal to ``axis``."""
     third = np.asarray(axis, dtype=float)
     third = third / np.linalg.norm(third)
@@ -225,7 +226,7 @@ def pack(regions: list[Region] | tuple[Region, ...]) -> tuple[np.ndarray, ...]:
     )
 
 
-def _frame(axes: np.ndarray | None) -> np.ndarray:
+def _frame(axes: ArrayLike | None) -> np.ndarray:
     frame = np.eye(3) if axes is None else np.asarray(axes, dtype=float)
     if frame.shape != (3, 3) or not np.allclose(frame @ frame.T, np.eye(3), atol=1e-8):
         raise SceneError("axes of a region must be three orthonormal rows")

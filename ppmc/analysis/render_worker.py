@@ -16,7 +16,7 @@ def draw(job: dict[str, Any], folder: Path) -> None:
 
     data = np.load(folder / f"{job['number']}.npz")
     width, height = job["size"]
-    plotter = pv.Plotter(off_screen=True, window_size=[width, height])
+    plotter: Any = pv.Plotter(off_screen=True, window_size=[width, height])
     plotter.set_background("white")
     cloud = pv.PolyData(data["points"])
     cloud["value"] = data["values"]

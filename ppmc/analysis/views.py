@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -126,16 +127,16 @@ def _scatter(view: SquaresView) -> Figure:
     extent = np.ptp(x, axis=0) if len(x) else np.ones(3)
     dots = None
     for i in range(3):
-        ax = drawing.add_subplot(1, 3, i + 1, projection="3d")
-        dots = ax.scatter(x[:, 0], x[:, 1], x[:, 2], c=squares[:, i], cmap=COLOURS, vmin=0, vmax=1, s=4, linewidths=0)  # type: ignore[misc]
-        ax.set_box_aspect(np.maximum(extent, 0.05 * extent.max()))  # type: ignore[attr-defined]
-        ax.view_init(elev=30, azim=-60)  # type: ignore[attr-defined]
+        ax: Any = drawing.add_subplot(1, 3, i + 1, projection="3d")
+        dots = ax.scatter(x[:, 0], x[:, 1], x[:, 2], c=squares[:, i], cmap=COLOURS, vmin=0, vmax=1, s=4, linewidths=0)
+        ax.set_box_aspect(np.maximum(extent, 0.05 * extent.max()))
+        ax.view_init(elev=30, azim=-60)
         ax.set_title(f"${SYMBOLS[view.name]}_{i + 1}^2$", fontsize=12)
         ax.set_xlabel("x1 [mm]", fontsize=8)
         ax.set_ylabel("x2 [mm]", fontsize=8)
-        ax.set_zlabel("x3 [mm]", fontsize=8)  # type: ignore[attr-defined]
+        ax.set_zlabel("x3 [mm]", fontsize=8)
         ax.tick_params(labelsize=7)
-        ax.locator_params(axis="z", nbins=3)  # type: ignore[attr-defined]
+        ax.locator_params(axis="z", nbins=3)
     if dots is not None:
         drawing.colorbar(dots, ax=drawing.axes, shrink=0.7, label=f"${SYMBOLS[view.name]}_i^2$ [–]", pad=0.02)
     return drawing
