@@ -30,7 +30,7 @@ from ppmc.files import (
     read_voxels,
     whole_file,
 )
-from ppmc.files.guard import open_guarded
+from ppmc.files.guard import product_of
 from ppmc.orientation import to_six
 from ppmc.progress import Progress
 
@@ -121,8 +121,7 @@ def run(
 
 def _product(path: Path) -> str:
     """Return the contract of the input file."""
-    with open_guarded(path, None) as file:
-        product = str(file["ppmc"].attrs.get("schema", "unknown"))
+    product = product_of(path)
     if product not in KINDS:
         raise InputFileError(
             f"{path}: holds '{product}'; ppmc analyze reads {', '.join(KINDS)} (a phantom volume goes to --volume)"

@@ -5,6 +5,7 @@ This package knows no physics; `fields` has the tables, everything else follows 
 
 from ppmc.files.fields import FIELDS, Field
 from ppmc.files.grid import VoxelGrid
+from ppmc.files.guard import product_of
 from ppmc.files.particles import ParticleFile, read_particles, write_particles
 from ppmc.files.provenance import Provenance, file_digest
 from ppmc.files.series import SeriesFile, SeriesWriter, open_series
@@ -25,6 +26,7 @@ __all__ = [
     "check_output",
     "file_digest",
     "open_series",
+    "product_of",
     "read_particles",
     "read_state",
     "read_voxels",

@@ -13,6 +13,7 @@ import numpy as np
 from ppmc.files.fields import FIELDS, MADE_BY, UNITS
 from ppmc.files.guard import check_values, dataset_of, group_of, open_guarded
 from ppmc.files.provenance import Provenance
+from ppmc.files.text import attribute, read_json
 from ppmc.files.vtkhdf import digest
 
 SUMMARY_VALUES = 2_000_000
@@ -46,7 +47,7 @@ def describe_file(path: Path) -> str:
     """
     path = Path(path)
     with open_guarded(path, None) as file:
-        product = str(file["ppmc"].attrs["schema"])
+        product = attribute(file["ppmc"], "schema")
         lines = [
             f"{path}",
             f"  {product}: {MEANING.get(product, '')}",
@@ -105,7 +106,7 @@ def _fields(file: h5py.File, path: Path, product: str) -> Iterator[str]:
     data = group_of(file, "VTKHDF/PointData", path)
     for name in data:
         dataset = dataset_of(file, f"VTKHDF/PointData/{name}", path)
-        unit, doc = dataset.attrs.get("unit", "?"), dataset.attrs.get("description", "")
+        unit, doc = attribute(dataset, "unit", "?"), attribute(dataset, "description")
         yield f"  {name} / {unit}: {doc}{_range(dataset)}"
 
 
@@ -130,10 +131,9 @@ def _tables(file: h5py.File) -> Iterator[str]:
     if own.get("history"):
         rows = next(iter(own["history"].values())).shape[0]
         yield f"History of {rows} steps: {', '.join(own['history'])}"
-    if "extra" in own:
-        for key, value in json.loads(own["extra"].asstr()[()]).items():
-            text = json.dumps(value)
-            yield f"  {key} = {text if len(text) < 90 else text[:87] + '...'}"
+    for key, value in read_json(own, "extra").items():
+        text = json.dumps(value)
+        yield f"  {key} = {text if len(text) < 90 else text[:87] + '...'}"
 
 
 def _origin(origin: Provenance, product: str) -> list[str]:
@@ -167,7 +167,7 @@ def verify_file(path: Path) -> list[str]:
     path = Path(path)
     lines = []
     with open_guarded(path, None) as file:
-        product = str(file["ppmc"].attrs["schema"])
+        product = attribute(file["ppmc"], "schema")
         specs = {f.name: f for f in FIELDS.get(product, ())}
         root = "state" if product == "checkpoint" else "VTKHDF"
         found: list[str] = []
@@ -178,11 +178,11 @@ def verify_file(path: Path) -> list[str]:
             spec = specs.get(name.rsplit("/", 1)[-1])
             if spec is not None and name.startswith("PointData/"):
                 check_values(values, spec, dataset.name, path)
-            stored = dataset.attrs.get("sha256")
-            if stored is not None and stored != digest(values):
+            stored = attribute(dataset, "sha256")
+            if stored and stored != digest(values):
                 raise InputFileError(
                     f"{path}: {dataset.name} does not match its digest; the file was changed or damaged"
                 )
-            if stored is not None or spec is not None:
+            if stored or spec is not None:
                 lines.append(f"{dataset.name}: {'values and digest' if stored else 'values'} verified")
     return lines

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ppmc.errors import InputFileError
 from ppmc.files.fields import MADE_BY, SCHEMA_VERSION, Field
+from ppmc.files.text import attribute
 
 UNIT_TOLERANCE = 1e-3
 ORTHOGONAL_TOLERANCE = 5e-3
@@ -60,6 +61,18 @@ def open_guarded(path: Path, product: str | None) -> Iterator[h5py.File]:
             raise InputFileError(f"{path}: is damaged: {str(error).splitlines()[0]}") from None
 
 
+def product_of(path: Path) -> str:
+    """Return the product that a ppmc file holds, such as ``"flow"``.
+
+    Raises
+    ------
+    InputFileError
+        If the file is missing, damaged or not of ppmc.
+    """
+    with open_guarded(path, None) as file:
+        return attribute(file["ppmc"], "schema", "unknown")
+
+
 def _check_schema(file: h5py.File, path: Path, product: str | None) -> None:
     """Refuse other products and newer contracts."""
     group = _member(file, "ppmc", path) if "ppmc" in file else None
@@ -67,7 +80,7 @@ def _check_schema(file: h5py.File, path: Path, product: str | None) -> None:
         if product in (None, "checkpoint"):
             raise InputFileError(f"{path}: is HDF5, but no ppmc file (it has no group /ppmc)")
         return  # another program's file may still meet the contract; the fields decide
-    schema = group.attrs.get("schema")
+    schema = attribute(group, "schema")
     if product is not None and schema != product:
         raise InputFileError(
             f"{path}: holds '{schema}', but '{product}' is needed here; make one with '{MADE_BY.get(product, product)}'"

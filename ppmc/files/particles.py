@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +18,7 @@ from ppmc.files.fields import field as spec_of
 from ppmc.files.guard import check_layout, check_orthogonal, check_values, dataset_of, group_of, open_guarded
 from ppmc.files.provenance import Provenance
 from ppmc.files.storage import whole_file
+from ppmc.files.text import put_attribute, put_json, read_json
 
 POSITION = Field("position", "f8", 3, "mm", "position", "particle")
 
@@ -86,12 +86,12 @@ def write_particles(
         root = vtkhdf.begin(file, "PolyData")
         data = vtkhdf.points_header(root, n)
         points = vtkhdf.as_stored(positions, POSITION, (n,))
-        root.create_dataset("Points", data=points).attrs["sha256"] = vtkhdf.digest(points)
-        root["Points"].attrs["unit"] = "mm"
+        put_attribute(root.create_dataset("Points", data=points), "sha256", vtkhdf.digest(points))
+        put_attribute(root["Points"], "unit", "mm")
         for name, values in fields.items():
             vtkhdf.put(data, spec_of(product, name), values, (n,), provenance.creator)
         provenance.store(file, product)
-        file["ppmc/extra"] = json.dumps(dict(extra or {}), sort_keys=True)
+        put_json(file["ppmc"], "extra", dict(extra or {}))
 
 
 def read_particles(path: Path, product: str) -> ParticleFile:
@@ -133,5 +133,5 @@ def read_particles(path: Path, product: str) -> ParticleFile:
         if "platelet_normal" in fields:
             names = ("/VTKHDF/PointData/fibre_direction", "platelet_normal")
             check_orthogonal(fields["fibre_direction"], fields["platelet_normal"], names, path)
-        extra = json.loads(dataset_of(file, "ppmc/extra", path).asstr()[()]) if "ppmc/extra" in file else {}
+        extra = read_json(file["ppmc"], "extra") if "ppmc" in file else {}
         return ParticleFile(positions, fields, extra, Provenance.load(file))

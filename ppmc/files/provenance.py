@@ -14,6 +14,7 @@ import h5py
 
 from ppmc import __version__
 from ppmc.files.fields import AXES, MADE_BY, SCHEMA_VERSION, UNITS
+from ppmc.files.text import attribute, put_attribute, put_json, read_json
 
 if TYPE_CHECKING:
     from ppmc.scene import Scene
@@ -110,19 +111,19 @@ class Provenance:
     def store(self, file: h5py.File, product: str) -> None:
         """Write the origin and the contract's name and version into the group ``/ppmc``."""
         group = file.require_group("ppmc")
-        group.attrs["schema"] = product
+        put_attribute(group, "schema", product)
         group.attrs["schema_version"] = SCHEMA_VERSION
-        group.attrs["ppmc_version"] = self.ppmc_version
-        group.attrs["creator"] = self.creator
-        group.attrs["made_by"] = MADE_BY.get(product, self.creator)
-        group.attrs["units"] = UNITS
-        group.attrs["axes"] = AXES
-        group.attrs["key"] = self.key
-        group.attrs["seed"] = "none" if self.seed is None else str(self.seed)
+        put_attribute(group, "ppmc_version", self.ppmc_version)
+        put_attribute(group, "creator", self.creator)
+        put_attribute(group, "made_by", MADE_BY.get(product, self.creator))
+        put_attribute(group, "units", UNITS)
+        put_attribute(group, "axes", AXES)
+        put_attribute(group, "key", self.key)
+        put_attribute(group, "seed", "none" if self.seed is None else str(self.seed))
         # Datasets, since attributes end at 64 KiB.
-        group["scene"] = json.dumps(self.scene, sort_keys=True)
-        group["inputs"] = json.dumps(self.inputs, sort_keys=True)
-        group["packages"] = json.dumps(self.packages, sort_keys=True)
+        put_json(group, "scene", self.scene)
+        put_json(group, "inputs", self.inputs)
+        put_json(group, "packages", self.packages)
 
     @classmethod
     def load(cls, file: h5py.File) -> Provenance:
@@ -131,16 +132,13 @@ class Provenance:
             return cls(creator="unknown", ppmc_version="unknown")
         group = file["ppmc"]
 
-        def text(name: str) -> dict[str, Any]:
-            return json.loads(group[name].asstr()[()]) if name in group else {}
-
-        seed = str(group.attrs.get("seed", "none"))
+        seed = attribute(group, "seed", "none")
         return cls(
-            creator=str(group.attrs.get("creator", "unknown")),
-            scene=text("scene"),
-            inputs=text("inputs"),
+            creator=attribute(group, "creator", "unknown"),
+            scene=read_json(group, "scene"),
+            inputs=read_json(group, "inputs"),
             seed=None if seed == "none" else int(seed),
-            key=str(group.attrs.get("key", "")),
-            ppmc_version=str(group.attrs.get("ppmc_version", "unknown")),
-            packages=text("packages"),
+            key=attribute(group, "key"),
+            ppmc_version=attribute(group, "ppmc_version", "unknown"),
+            packages=read_json(group, "packages"),
         )

@@ -7,7 +7,6 @@ run is over it is sealed: copied whole into a file with checksummed metadata.
 
 from __future__ import annotations
 
-import json
 import os
 import time as clock
 from collections.abc import Iterable, Iterator, Mapping
@@ -28,6 +27,7 @@ from ppmc.files.guard import check_layout, check_values, dataset_of, group_of, o
 from ppmc.files.particles import POSITION
 from ppmc.files.provenance import Provenance
 from ppmc.files.storage import whole_file
+from ppmc.files.text import attribute, put_attribute, put_json, read_json
 
 LOCKED_TRIES = 50
 LOCKED_WAIT_SECONDS = 0.1
@@ -93,7 +93,7 @@ class SeriesWriter:
             data = vtkhdf.points_header(root, n)
             steps = root.create_group("Steps")
             offsets = steps.create_group("PointDataOffsets")
-            _growing(root, "Points", (n, 3), "f8").attrs["unit"] = "mm"
+            put_attribute(_growing(root, "Points", (n, 3), "f8"), "unit", "mm")
             for name in names:
                 spec = spec_of(product, name)
                 shape = (n,) if spec.components == 1 else (n, spec.components)
@@ -102,7 +102,7 @@ class SeriesWriter:
             for name, values in static.items():
                 vtkhdf.put(data, spec_of(product, name), values, (n,), provenance.creator)
                 _growing(offsets, name, (1,), "i8")
-            _growing(steps, "Values", (1,), "f8").attrs["unit"] = "s"
+            put_attribute(_growing(steps, "Values", (1,), "f8"), "unit", "s")
             for name in ("PartOffsets", "NumberOfParts", "PointOffsets"):
                 _growing(steps, name, (1,), "i8")
             for name in ("CellOffsets", "ConnectivityIdOffsets"):
@@ -124,7 +124,7 @@ class SeriesWriter:
             If the file is missing, damaged, or has fewer frames than asked.
         """
         with open_guarded(path, None) as file:
-            product = str(file["ppmc"].attrs["schema"])
+            product = attribute(file["ppmc"], "schema")
             root = group_of(file, "VTKHDF", Path(path))
             n = int(root["NumberOfPoints"][0])
             have = int(root["Steps"].attrs["NSteps"])
@@ -224,21 +224,20 @@ class SeriesWriter:
                 dataset = file.create_dataset(name, data=values)
                 _copy_attributes(item, dataset)
                 if isinstance(values, np.ndarray):
-                    dataset.attrs["sha256"] = vtkhdf.digest(values)
+                    put_attribute(dataset, "sha256", vtkhdf.digest(values))
 
             source.visititems(copy)
             table = file["ppmc"].create_group("history")
             for name, values in (history or {}).items():
                 table.create_dataset(name, data=np.asarray(values, dtype=np.float64))
-            file["ppmc/extra"] = json.dumps(dict(extra or {}), sort_keys=True)
+            put_json(file["ppmc"], "extra", dict(extra or {}))
         self.path.unlink()
 
 
 def _copy_attributes(source: Any, target: Any) -> None:
     """Copy attributes with their exact types (VTK wants fixed-length text)."""
     for name in source.attrs:
-        attribute = source.attrs.get_id(name)
-        target.attrs.create(name, source.attrs[name], dtype=attribute.dtype)
+        target.attrs.create(name, source.attrs[name], dtype=source.attrs.get_id(name).dtype)
 
 
 def _growing(group: h5py.Group, name: str, frame: tuple[int, ...], dtype: str) -> h5py.Dataset:
@@ -400,7 +399,7 @@ def open_series(path: Path, product: str) -> Iterator[SeriesFile]:
             static=static,
             scalars={k: v[:frames] for k, v in own.get("frames", {}).items()},
             history={k: v[:] for k, v in own.get("history", {}).items()},
-            extra=json.loads(own["extra"].asstr()[()]) if "extra" in own else {},
+            extra=read_json(own, "extra") if own else {},
             complete="history" in own,
             provenance=Provenance.load(file),
             _file=file,

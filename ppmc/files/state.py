@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from ppmc.errors import InputFileError
 from ppmc.files.guard import dataset_of, group_of, open_guarded
 from ppmc.files.provenance import Provenance
 from ppmc.files.storage import whole_file
+from ppmc.files.text import attribute, put_attribute, put_json, read_json
 from ppmc.files.vtkhdf import SEALED, digest
 
 
@@ -33,8 +33,8 @@ def write_state(
         group = file.create_group("state")
         for name, values in arrays.items():
             stored = np.ascontiguousarray(values)
-            group.create_dataset(name, data=stored).attrs["sha256"] = digest(stored)
-        file["attributes"] = json.dumps(dict(attributes), sort_keys=True)
+            put_attribute(group.create_dataset(name, data=stored), "sha256", digest(stored))
+        put_json(file, "attributes", dict(attributes))
 
 
 def read_state(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any], Provenance]:
@@ -51,7 +51,7 @@ def read_state(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any], Pro
         for name in group_of(file, "state", path):
             dataset = dataset_of(file, f"state/{name}", path)
             arrays[name] = dataset[()]
-            if dataset.attrs.get("sha256") != digest(arrays[name]):
+            if attribute(dataset, "sha256") != digest(arrays[name]):
                 raise InputFileError(f"{path}: /state/{name} does not match its digest; the file is damaged")
-        attributes = json.loads(dataset_of(file, "attributes", path).asstr()[()])
+        attributes = read_json(file, "attributes")
         return arrays, attributes, Provenance.load(file)

@@ -20,6 +20,7 @@ from ppmc.files.grid import VoxelGrid
 from ppmc.files.guard import check_layout, check_orthogonal, check_values, dataset_of, group_of, open_guarded
 from ppmc.files.provenance import Provenance
 from ppmc.files.storage import whole_file
+from ppmc.files.text import attribute
 
 CHUNK = (32, 64, 64)
 Index = tuple[slice, slice, slice]
@@ -210,8 +211,7 @@ def read_voxels(path: Path, product: str) -> Iterator[VoxelFile]:
 def _grid_of(root: h5py.Group, path: Path) -> VoxelGrid:
     """Return the grid that the header describes."""
     try:
-        kind = root.attrs["Type"]
-        kind = kind.decode() if isinstance(kind, bytes) else str(kind)
+        kind = attribute(root, "Type")
         if kind != "ImageData":
             raise InputFileError(f"{path}: /VTKHDF@Type is '{kind}', must be 'ImageData'")
         x0, x1, y0, y1, z0, z1 = (int(v) for v in root.attrs["WholeExtent"])

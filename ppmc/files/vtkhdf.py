@@ -11,19 +11,20 @@ from numpy.typing import NDArray
 
 from ppmc.files.fields import Field
 from ppmc.files.grid import VoxelGrid
+from ppmc.files.text import put_ascii, put_attribute
 
 VERSION = (2, 2)  # the lowest that allows groups of one's own beside /VTKHDF
 SEALED = ("v110", "v114")  # checksummed metadata that VTK still reads; "latest" is not read
 
 # What VTK shows first: the attribute "Attribute" of a dataset makes it the active array of that kind.
-ACTIVE = {"fibre_direction": b"Vectors", "principal_fibre_direction": b"Vectors", "grey": b"Scalars"}
+ACTIVE = {"fibre_direction": "Vectors", "principal_fibre_direction": "Vectors", "grey": "Scalars"}
 
 
 def begin(file: h5py.File, kind: str) -> h5py.Group:
     """Return the new group ``/VTKHDF`` of a dataset type such as ``"PolyData"``."""
     root = file.create_group("VTKHDF")
     root.attrs["Version"] = VERSION
-    root.attrs.create("Type", kind.encode("ascii"), dtype=h5py.string_dtype("ascii", len(kind)))
+    put_ascii(root, "Type", kind)
     return root
 
 
@@ -52,12 +53,11 @@ def points_header(root: h5py.Group, n: int) -> h5py.Group:
 
 def describe(dataset: h5py.Dataset, spec: Field, creator: str) -> None:
     """Attach unit, meaning and origin to a dataset."""
-    dataset.attrs["unit"] = spec.unit
-    dataset.attrs["description"] = spec.doc
-    dataset.attrs["creator"] = creator
+    put_attribute(dataset, "unit", spec.unit)
+    put_attribute(dataset, "description", spec.doc)
+    put_attribute(dataset, "creator", creator)
     if spec.name in ACTIVE:
-        kind = ACTIVE[spec.name]
-        dataset.attrs.create("Attribute", kind, dtype=h5py.string_dtype("ascii", len(kind)))
+        put_ascii(dataset, "Attribute", ACTIVE[spec.name])
 
 
 def as_stored(values: NDArray[Any], spec: Field, lead: tuple[int, ...]) -> NDArray[Any]:
@@ -94,4 +94,4 @@ def put(group: h5py.Group, spec: Field, values: NDArray[Any], lead: tuple[int, .
     stored = as_stored(values, spec, lead)
     dataset = group.create_dataset(spec.name, data=stored)
     describe(dataset, spec, creator)
-    dataset.attrs["sha256"] = digest(stored)
+    put_attribute(dataset, "sha256", digest(stored))

@@ -128,7 +128,7 @@ def broken(path: Path, kind: str) -> None:
         elif kind == "newer schema":
             f["ppmc"].attrs["schema_version"] = (2, 0)
         elif kind == "not an image":
-            f["VTKHDF"].attrs["Type"] = b"PolyData"
+            f["VTKHDF"].attrs["Type"] = np.bytes_("PolyData")
         else:
             del data["fibre_direction"]
             if kind == "wrong shape":

@@ -1,0 +1,66 @@
+"""Text inside HDF5, always of fixed length.
+
+HDF5 keeps text of variable length in a heap without checksums; a few zeroed bytes there make the library loop for
+ever on reading. Text of fixed length lies in checksummed metadata or in the dataset itself.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import h5py
+import numpy as np
+
+from ppmc.errors import InputFileError
+
+
+def put_attribute(target: Any, name: str, text: str) -> None:
+    """Write a text attribute of a group or dataset."""
+    raw = text.encode()
+    target.attrs.create(name, raw, dtype=h5py.string_dtype("utf-8", max(1, len(raw))))
+
+
+def put_ascii(target: Any, name: str, text: str) -> None:
+    """Write a text attribute in ASCII, the only kind that VTK's reader takes for its own."""
+    target.attrs.create(name, text.encode("ascii"), dtype=h5py.string_dtype("ascii", len(text)))
+
+
+def attribute(source: Any, name: str, default: str = "") -> str:
+    """Return a text attribute, or `default` if there is none.
+
+    Raises
+    ------
+    InputFileError
+        If it is no text of fixed length.
+    """
+    if name not in source.attrs:
+        return default
+    kind = source.attrs.get_id(name).dtype
+    if kind.kind != "S":
+        raise InputFileError(f"{source.file.filename}: {source.name}@{name} must be text of fixed length, it is {kind}")
+    return bytes(source.attrs[name]).decode()
+
+
+def put_json(group: h5py.Group, name: str, value: Any) -> None:
+    """Write anything that JSON can hold as a dataset."""
+    raw = json.dumps(value, sort_keys=True).encode()
+    group.create_dataset(name, data=np.array(raw, dtype=h5py.string_dtype("utf-8", len(raw))))
+
+
+def read_json(group: h5py.Group, name: str) -> Any:
+    """Return what `put_json` wrote; an empty mapping if there is none.
+
+    Raises
+    ------
+    InputFileError
+        If the dataset holds no text of fixed length.
+    """
+    if name not in group:
+        return {}
+    if not isinstance(group.get(name, getlink=True), h5py.HardLink) or not isinstance(group[name], h5py.Dataset):
+        raise InputFileError(f"{group.file.filename}: {group.name}/{name} must be a dataset of the file itself")
+    data = group[name]
+    if data.dtype.kind != "S" or data.shape != () or data.external or data.is_virtual:
+        raise InputFileError(f"{group.file.filename}: {data.name} must be text of fixed length, it is {data.dtype}")
+    return json.loads(bytes(data[()]).decode())
