@@ -1,8 +1,9 @@
 """Walls within reach of a point: up to three from one tool, so that concave edges and corners hold (kernels).
 
 The distance field of a tool knows the nearest wall only. In a concave edge two walls bear on a particle at once, in a
-corner three. They are found by lifting the point off the walls already known, by `reach` along their normals, until
-another wall is nearer; its tangent plane gives the distance at the original point. For plane walls this is exact.
+corner three. Each face of a cavity, and each line and arc of an outline on which the point has its foot, is a wall of
+its own; distances and normals are exact. In a mesh further walls are found by lifting the point off the known ones
+until another is nearer; its tangent plane counts if it touches the surface below the point.
 """
 
 from __future__ import annotations
@@ -13,12 +14,16 @@ import numpy as np
 
 from ppmc.compile_cache import njit, prange
 from ppmc.geometry.distance import distance_bound, tool_distance
+from ppmc.geometry.packed import BOX, CYLINDER, EXTRUSION, MESH, REVOLUTION
+from ppmc.geometry.shape_distance import segment_foot
 
 SAME_WALL = 0.94
 """Cosine of the angle (20 degrees) below which two normals are taken as one smooth wall."""
 
 MOST_CONTACTS = 6
 """Most walls kept for a point, the nearest ones."""
+
+NO_WALLS = (0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @njit
@@ -39,35 +44,117 @@ def tool_contacts(tools, index, offsets, x, y, z, reach):  # type: ignore[no-unt
         beyond `count` are zero.
     """
     if distance_bound(tools, index, offsets, x, y, z) > reach:
-        return 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    p0, ax, ay, az = tool_distance(tools, index, offsets, x, y, z)
-    if not p0 <= reach:
-        return 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    count = 1
-    p1 = bx = by = bz = 0.0
-    p2 = cx = cy = cz = 0.0
-    # From inside the tool the lift must first bring the point back out.
-    lift = reach + max(-p0, 0.0)
-    d, nx, ny, nz = tool_distance(tools, index, offsets, x + lift * ax, y + lift * ay, z + lift * az)
-    cosine = nx * ax + ny * ay + nz * az
-    value = d - lift * cosine
-    if cosine < SAME_WALL and value <= reach:
-        count = 2
-        p1, bx, by, bz = value, nx, ny, nz
-        if cosine > -0.9:
-            # The lift that leaves both walls at the same rate.
-            lift = reach + max(-p0, -p1, 0.0)
+        return NO_WALLS
+    phi, nx, ny, nz = tool_distance(tools, index, offsets, x, y, z)
+    if not phi <= reach:
+        return NO_WALLS
+    walls = (1, phi, nx, ny, nz, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    if tools.convex[index]:
+        return walls
+    # A point in the tool sees the other walls from where it would come out.
+    out = max(-phi, 0.0)
+    if tools.kind[index] == MESH:
+        return _lifted_walls(tools, index, offsets, x, y, z, reach, out, walls)
+    gx = x + out * nx - offsets[index, 0] - tools.origin[index, 0]
+    gy = y + out * ny - offsets[index, 1] - tools.origin[index, 1]
+    gz = z + out * nz - offsets[index, 2] - tools.origin[index, 2]
+    frame = tools.frame[index]
+    lx = frame[0, 0] * gx + frame[0, 1] * gy + frame[0, 2] * gz
+    ly = frame[1, 0] * gx + frame[1, 1] * gy + frame[1, 2] * gz
+    lz = frame[2, 0] * gx + frame[2, 1] * gy + frame[2, 2] * gz
+    shift = (out * nx, out * ny, out * nz)
+    size = tools.size[index]
+    kind = tools.kind[index]
+    side = tools.side[index]
+    if kind == BOX:
+        for axis in range(3):
+            local = lx if axis == 0 else ly if axis == 1 else lz
+            walls = _flat_ends(walls, frame[axis], local, size[axis] + size[3], shift, reach)
+    elif kind == CYLINDER:
+        r = math.sqrt(lx * lx + ly * ly)
+        if r > 1e-12:
+            walls = _with_local(walls, frame, size[0] + size[3] - r, -lx / r, -ly / r, 0.0, shift, reach)
+        walls = _flat_ends(walls, frame[2], lz, size[1] + size[3], shift, reach)
+    elif kind == EXTRUSION:
+        beside = abs(lz) <= size[0] + 1e-9
+        if beside:
+            for k in range(tools.segment_start[index], tools.segment_start[index + 1]):
+                foot, d, nu, nv = segment_foot(lx, ly, tools.segments, k)
+                if foot and side * d >= -1e-9:
+                    walls = _with_local(walls, frame, side * d, side * nu, side * nv, 0.0, shift, reach)
+        if side < 0.0:
+            walls = _flat_ends(walls, frame[2], lz, size[0], shift, reach)
+    elif kind == REVOLUTION:
+        px = lx - max(-size[0], min(size[0], lx))
+        r = math.sqrt(px * px + ly * ly)
+        if r > 1e-12:
+            for k in range(tools.segment_start[index], tools.segment_start[index + 1]):
+                foot, d, nr, nh = segment_foot(r, lz, tools.segments, k)
+                if foot and side * d >= -1e-9:
+                    walls = _with_local(
+                        walls, frame, side * d, side * nr * px / r, side * nr * ly / r, side * nh, shift, reach
+                    )
+    return walls
+
+
+@njit
+def _flat_ends(walls, axis, local, half, shift, reach):  # type: ignore[no-untyped-def]
+    """Add the two flat walls across `axis` of a cavity at local coordinates -half and half."""
+    if half < math.inf:
+        walls = _with_wall(walls, half - local, -axis[0], -axis[1], -axis[2], shift, reach)
+        walls = _with_wall(walls, half + local, axis[0], axis[1], axis[2], shift, reach)
+    return walls
+
+
+@njit
+def _with_local(walls, frame, phi, mx, my, mz, shift, reach):  # type: ignore[no-untyped-def]
+    """Add a wall whose normal is given in the tool's frame."""
+    nx = frame[0, 0] * mx + frame[1, 0] * my + frame[2, 0] * mz
+    ny = frame[0, 1] * mx + frame[1, 1] * my + frame[2, 1] * mz
+    nz = frame[0, 2] * mx + frame[1, 2] * my + frame[2, 2] * mz
+    return _with_wall(walls, phi, nx, ny, nz, shift, reach)
+
+
+@njit
+def _with_wall(walls, phi, nx, ny, nz, shift, reach):  # type: ignore[no-untyped-def]
+    """Add a wall seen from the point moved by `shift`, unless it is out of reach, known already, or the fourth."""
+    n, p0, ax, ay, az, p1, bx, by, bz, p2, cx, cy, cz = walls
+    phi -= nx * shift[0] + ny * shift[1] + nz * shift[2]
+    if phi > reach or n == 3 or nx * ax + ny * ay + nz * az > SAME_WALL:
+        return walls
+    if n == 1:
+        return 2, p0, ax, ay, az, phi, nx, ny, nz, p2, cx, cy, cz
+    if nx * bx + ny * by + nz * bz > SAME_WALL:
+        if phi < p1:
+            return n, p0, ax, ay, az, phi, nx, ny, nz, p2, cx, cy, cz
+        return walls
+    return 3, p0, ax, ay, az, p1, bx, by, bz, phi, nx, ny, nz
+
+
+@njit
+def _lifted_walls(tools, index, offsets, x, y, z, reach, out, walls):  # type: ignore[no-untyped-def]
+    """Add the walls of a mesh that are nearest once the point is lifted off the walls already known."""
+    for attempt in range(4):
+        n, _, ax, ay, az, _, bx, by, bz, _, _, _, _ = walls
+        if n == 3:
+            break
+        lift = out + reach * (1.0 if attempt % 2 == 0 else 0.5)
+        cosine = ax * bx + ay * by + az * bz
+        if n == 1 or cosine < -0.9:
+            mx, my, mz = lift * ax, lift * ay, lift * az
+        else:
+            # The direction that leaves both walls at the same rate.
             s = lift / (1.0 + cosine)
             mx, my, mz = s * (ax + bx), s * (ay + by), s * (az + bz)
-        else:
-            mx, my, mz = lift * ax, lift * ay, lift * az
         d, nx, ny, nz = tool_distance(tools, index, offsets, x + mx, y + my, z + mz)
-        value = d - (nx * mx + ny * my + nz * mz)
-        apart = nx * ax + ny * ay + nz * az < SAME_WALL and nx * bx + ny * by + nz * bz < SAME_WALL
-        if apart and value <= reach:
-            count = 3
-            p2, cx, cy, cz = value, nx, ny, nz
-    return count, p0, ax, ay, az, p1, bx, by, bz, p2, cx, cy, cz
+        phi = d - (nx * mx + ny * my + nz * mz)
+        if phi > reach:
+            continue
+        # The tangent plane of an edge seen from the side hangs in the air below the point: no wall.
+        below, _, _, _ = tool_distance(tools, index, offsets, x - phi * nx, y - phi * ny, z - phi * nz)
+        if below <= 0.1 * reach:
+            walls = _with_wall(walls, phi, nx, ny, nz, (0.0, 0.0, 0.0), reach)
+    return walls
 
 
 @njit

@@ -27,6 +27,8 @@ class ToolArrays(NamedTuple):
     """(tools,) shape code."""
     side: NDArray[np.float64]
     """(tools,) 1 for a solid tool, -1 where the material is kept inside the shape."""
+    convex: NDArray[np.bool_]
+    """(tools,) whether the tool is convex, so that it has one nearest wall everywhere outside."""
     origin: NDArray[np.float64]
     """(tools, 3) origin of the tool's frame in the drawn position."""
     frame: NDArray[np.float64]

@@ -138,6 +138,30 @@ def outline_distance(u, v, segments, first, last):  # type: ignore[no-untyped-de
 
 
 @njit
+def segment_foot(u, v, segments, k):  # type: ignore[no-untyped-def]
+    """Return whether a point has its foot within row k of an outline, and distance and normal (2-D) there."""
+    if segments[k, 6] == 0.0:
+        tx = segments[k, 2] - segments[k, 0]
+        ty = segments[k, 3] - segments[k, 1]
+        length = math.sqrt(tx * tx + ty * ty)
+        tx /= length
+        ty /= length
+        du = u - segments[k, 0]
+        dv = v - segments[k, 1]
+        along = du * tx + dv * ty
+        return -1e-9 <= along <= length + 1e-9, du * ty - dv * tx, ty, -tx
+    dx = u - segments[k, 4]
+    dy = v - segments[k, 5]
+    turn = segments[k, 7]
+    after_start = turn * ((segments[k, 0] - segments[k, 4]) * dy - (segments[k, 1] - segments[k, 5]) * dx)
+    before_end = turn * (dx * (segments[k, 3] - segments[k, 5]) - dy * (segments[k, 2] - segments[k, 4]))
+    r = math.sqrt(dx * dx + dy * dy)
+    if after_start < 0.0 or before_end < 0.0 or r <= TINY:
+        return False, 0.0, 0.0, 0.0
+    return True, turn * (r - segments[k, 6]), turn * dx / r, turn * dy / r
+
+
+@njit
 def extrusion_distance(x, y, z, half_length, segments, first, last):  # type: ignore[no-untyped-def]
     """Return distance and normal of an outline in x, y swept along z, |z| <= half_length (may be infinite)."""
     d, nu, nv = outline_distance(x, y, segments, first, last)

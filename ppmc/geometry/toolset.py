@@ -228,6 +228,22 @@ def _pack_mesh(tool: MeshTool, name: str, side: float, directory: Path) -> _Pack
     )
 
 
+def _is_convex(packed: _Packed) -> bool:
+    """Tell whether a tool is surely convex; a body of revolution is taken as not."""
+    if packed.side < 0 or packed.kind in (REVOLUTION, MESH):
+        return False
+    if packed.kind != EXTRUSION:
+        return True
+    rows = packed.segments
+    if (rows[:, 7] < 0).any():
+        return False
+    # Outside a convex outline no edge has another edge's end in front of it.
+    start, end, others = rows[:, None, 0:2], rows[:, None, 2:4], rows[None, :, 0:2]
+    tangent, away = end - start, others - start
+    front = away[..., 0] * tangent[..., 1] - away[..., 1] * tangent[..., 0]
+    return bool((front <= 1e-9 * float(np.ptp(rows[:, 0:2])) ** 2).all())
+
+
 def rotation_matrix(rotation: Rotation | None) -> FloatArray:
     """Return the 3x3 matrix of a turn (columns are the turned axes); identity for none. Rodrigues' formula."""
     if rotation is None:
@@ -259,6 +275,7 @@ def _join(packed: list[_Packed], tools: list[Tool]) -> ToolArrays:
     return ToolArrays(
         kind=np.array([p.kind for p in packed], dtype=np.int64),
         side=np.array([p.side for p in packed]),
+        convex=np.array([_is_convex(p) for p in packed]),
         origin=np.stack([p.origin for p in packed]).astype(float),
         frame=np.ascontiguousarray(np.stack([p.frame for p in packed])),
         size=np.array([p.size for p in packed]),
