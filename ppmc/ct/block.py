@@ -59,9 +59,7 @@ def edge_votes(n: int, margin: int, first: int, last: int) -> Floats:
 def read_padded(volume: Volume, box: Box, reference: Reference) -> Floats:
     """Read a box that may reach beyond the volume, mirrored there, in units of the reference."""
     inner, pad = _clipped(volume, box)
-    grey = volume.grey(inner)
-    grey -= np.float32(reference.middle)
-    grey *= np.float32(1.0 / reference.unit)
+    grey = volume.grey(inner, reference.middle, reference.unit)
     return np.pad(grey, pad, mode="symmetric") if pad else grey
 
 

@@ -23,11 +23,15 @@ PARALLEL = np.float32(0.05)
 
 
 @njit(nogil=True, fastmath={"contract"})
-def interpolate_row(coarse, z, y, x0, sx, scratch, out):
-    """Interpolate a coarse field (cz, cy, 6, cx) linearly along a row; z, y and x0 + i * sx in coarse cells."""
+def interpolate_row(coarse, voxel, start, cell, stride, scratch, out):
+    """Interpolate a coarse field (cz, cy, 6, cx) linearly at every ``stride``-th voxel of a row.
+
+    ``voxel`` (x, y, z) is the row's first voxel, ``start`` the voxel in the middle of the first cell, ``cell`` the
+    distance of cells; all integers, so that a position does not depend on where a block begins.
+    """
     cz, cy, cx = coarse.shape[0], coarse.shape[1], coarse.shape[3]
-    z = min(max(z, ZERO), np.float32(cz - 1))
-    y = min(max(y, ZERO), np.float32(cy - 1))
+    z = min(max(np.float32(voxel[2] - start[2]) / np.float32(cell[2]), ZERO), np.float32(cz - 1))
+    y = min(max(np.float32(voxel[1] - start[1]) / np.float32(cell[1]), ZERO), np.float32(cy - 1))
     k = min(int(z), max(cz - 2, 0))
     j = min(int(y), max(cy - 2, 0))
     k1 = min(k + 1, cz - 1)
@@ -35,13 +39,14 @@ def interpolate_row(coarse, z, y, x0, sx, scratch, out):
     a = z - np.float32(k)
     b = y - np.float32(j)
     last = np.float32(cx - 1)
+    width = np.float32(cell[0])
     for c in range(6):
         low, low1 = coarse[k, j, c], coarse[k, j1, c]
         high, high1 = coarse[k1, j, c], coarse[k1, j1, c]
         for i in range(cx):
             scratch[i] = (ONE - a) * ((ONE - b) * low[i] + b * low1[i]) + a * ((ONE - b) * high[i] + b * high1[i])
         for i in range(out.shape[1]):
-            x = min(max(x0 + np.float32(i) * sx, ZERO), last)
+            x = min(max(np.float32(voxel[0] + i * stride - start[0]) / width, ZERO), last)
             m = min(int(x), max(cx - 2, 0))
             n = min(m + 1, cx - 1)
             f = x - np.float32(m)
@@ -49,15 +54,15 @@ def interpolate_row(coarse, z, y, x0, sx, scratch, out):
 
 
 @njit(nogil=True)
-def _gather_row(tensors, z, y, x0, stride, normal, inverse_h, step, out):
-    """Copy the tensors that lie ``step`` voxels along the normal; its largest component moves by whole voxels."""
+def _gather_row(tensors, z, y, x0, step, normal, inverse_h, move, out):
+    """Copy the tensors that lie ``move`` voxels along the normal; its largest component moves by whole voxels."""
     nz, ny, nx = tensors.shape[0], tensors.shape[1], tensors.shape[3]
     for i in range(out.shape[1]):
         ax = normal[0, i] * inverse_h[0]
         ay = normal[1, i] * inverse_h[1]
         az = normal[2, i] * inverse_h[2]
-        scale = step / max(abs(ax), max(abs(ay), abs(az)))
-        ix = min(max(x0 + i * stride + int(np.rint(scale * ax)), 0), nx - 1)
+        scale = move / max(abs(ax), max(abs(ay), abs(az)))
+        ix = min(max(x0 + i * step + int(np.rint(scale * ax)), 0), nx - 1)
         iy = min(max(y + int(np.rint(scale * ay)), 0), ny - 1)
         iz = min(max(z + int(np.rint(scale * az)), 0), nz - 1)
         for c in range(6):
@@ -119,7 +124,7 @@ def _frame_row(
 
 
 @njit(nogil=True)
-def orient_block(tensors, corner, stride, inverse_h, steps, coarse, coarse_start, coarse_step, scale, least_energy,
+def orient_block(tensors, corner, step, inverse_h, side_steps, coarse, voxel, stride, start, cell, scale, least_energy,
                  least_confidence, fibre, normal, values, confidence, planarity, valid):  # fmt: skip
     """Turn the tensors of a block into orientations.
 
@@ -127,16 +132,18 @@ def orient_block(tensors, corner, stride, inverse_h, steps, coarse, coarse_start
     ----------
     tensors : (tz, ty, 6 or 7, tx) float32
         Tensors of the small window, at every voxel if ``stride`` is above 1, else as the outputs, plus a border.
-    corner, stride : (3,) int64
-        Index in ``tensors`` of the first output voxel, and distance of output voxels there (x, y, z).
+    corner, step : (3,) int64 (x, y, z), int
+        Index in ``tensors`` of the first output voxel, and distance of output voxels there.
     inverse_h : (3,) float32
         One over the voxel size.
-    steps : int
+    side_steps : int
         Windows displaced by up to this many voxels compete.
     coarse : (cz, cy, 6, cx) float32
         Tensors of the large window, or empty to take r from the small one.
-    coarse_start, coarse_step : (3,) float32
-        Position of the first output voxel in ``coarse``, and distance of output voxels there (x, y, z).
+    voxel, stride : (3,) int64 (x, y, z), int
+        The first output voxel in the volume, and distance of output voxels there.
+    start, cell : (3,) int64 (x, y, z)
+        Voxel in the middle of the first coarse cell, and distance of cells.
     scale, least_energy, least_confidence : float32
         Unit of the eigenvalues; trace and linearity below which a voxel is invalid.
     fibre, normal, values : (oz, oy, ox, 3) float32
@@ -154,32 +161,32 @@ def orient_block(tensors, corner, stride, inverse_h, steps, coarse, coarse_start
     best_score = np.empty(ox, np.float32)
     ok = np.empty(ox, np.uint8)
     scratch = np.empty(coarse.shape[3] if two_scales else 1, np.float32)
+    here = voxel.copy()
     for k in range(oz):
-        z = corner[2] + k * stride[2]
+        z = corner[2] + k * step
+        here[2] = voxel[2] + k * stride
         for j in range(oy):
-            y = corner[1] + j * stride[1]
+            y = corner[1] + j * step
+            here[1] = voxel[1] + j * stride
             for c in range(6):
                 row = tensors[z, y, c]
                 for i in range(ox):
-                    best[c, i] = row[corner[0] + i * stride[0]]
+                    best[c, i] = row[corner[0] + i * step]
             if two_scales:
-                interpolate_row(
-                    coarse, coarse_start[2] + np.float32(k) * coarse_step[2],
-                    coarse_start[1] + np.float32(j) * coarse_step[1], coarse_start[0], coarse_step[0], scratch, other,
-                )  # fmt: skip
+                interpolate_row(coarse, here, start, cell, stride, scratch, other)
                 solve_row(other, large)
-            elif steps > 0:
+            elif side_steps > 0:
                 solve_row(best, large)
-            if steps > 0:
+            if side_steps > 0:
                 smallest_row(best, best_score)
-                for step in range(1, steps + 1):
+                for away in range(1, side_steps + 1):
                     for side in (-1, 1):
-                        move = np.float32(side * step)
-                        _gather_row(tensors, z, y, corner[0], stride[0], large[6:], inverse_h, move, other)
+                        move = np.float32(side * away)
+                        _gather_row(tensors, z, y, corner[0], step, large[6:], inverse_h, move, other)
                         smallest_row(other, score)
                         _keep_better(score, best_score, other, best)
             solve_row(best, small)
-            if not two_scales and steps == 0:
+            if not two_scales and side_steps == 0:
                 large[:, :] = small
             _frame_row(
                 small, large, scale, least_energy, least_confidence, fibre[k, j], normal[k, j], values[k, j],

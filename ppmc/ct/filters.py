@@ -32,8 +32,8 @@ def derivative(sigma: float) -> Taps:
     """Return taps of the first derivative that goes with :func:`gaussian` of the same ``sigma`` (voxels).
 
     A Gaussian derivative for ``sigma`` of 0.9 and more. Below that the sampled derivative no longer matches its own
-    smoothing, so the taps are fitted: the frequency response of the pair must be ``i w`` times the smoothing up to
-    0.8 of the Nyquist frequency. Both give exactly 1 on a unit ramp.
+    smoothing, so the taps are fitted: the derivative's frequency response must be ``i w`` times that of the smoothing,
+    up to 0.7 of the Nyquist frequency. Both give exactly 1 on a unit ramp.
     """
     smooth = _sampled_gaussian(sigma)
     radius = len(smooth) // 2
@@ -41,25 +41,17 @@ def derivative(sigma: float) -> Taps:
     if sigma >= DERIVATIVE_OF_GAUSSIAN_FROM:
         taps = i * smooth
     else:
-        w = np.linspace(0.0, 0.8 * np.pi, 400)
+        w = np.linspace(0.01, 0.7 * np.pi, 400)
         k = np.arange(1, radius + 1)
         response = smooth[radius] + 2.0 * np.cos(np.outer(w, k)) @ smooth[radius + 1 :]
-        half, *_ = np.linalg.lstsq(2.0 * np.sin(np.outer(w, k)), w * response, rcond=None)
+        half, *_ = np.linalg.lstsq(2.0 * np.sin(np.outer(w, k)) / (w * response)[:, None], np.ones_like(w), rcond=None)
         taps = np.concatenate([-half[::-1], [0.0], half])
     return (taps / (i @ taps)).astype(np.float32)
 
 
 def cell_box(width: int) -> Taps:
-    """Return the average over a cell of ``width`` voxels centred on a voxel.
-
-    For an even width the two end voxels are shared half and half with the neighbouring cells, so that cells repeated
-    every ``width`` voxels still count each voxel exactly once.
-    """
-    radius = width // 2
-    taps = np.ones(2 * radius + 1)
-    if width % 2 == 0:
-        taps[[0, -1]] = 0.5
-    return (taps / width).astype(np.float32)
+    """Return the average over a cell of an odd ``width`` of voxels centred on a voxel."""
+    return np.full(width, 1.0 / width, np.float32)
 
 
 def _sampled_gaussian(sigma: float) -> NDArray[np.float64]:

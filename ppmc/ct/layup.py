@@ -66,8 +66,8 @@ class Layup:
         The scene's seed.
     lower, upper : tuple of float
         Extent (x, y) of the layers, mm.
-    count : int
-        Number of layers.
+    count, below : int
+        Number of layers, and how many of them lie under the cavity's floor.
     """
 
     section: PhantomSection
@@ -75,6 +75,7 @@ class Layup:
     lower: tuple[float, float]
     upper: tuple[float, float]
     count: int
+    below: int = 0
     _kept: dict[int, Layer] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -127,7 +128,9 @@ class Layup:
 
     def _ply_angle(self, index: int, rng: np.random.Generator) -> float:
         angles = self.section.angles
-        return float(np.radians(angles[index % len(angles)] + self.section.angle_spread * rng.standard_normal()))  # type: ignore[operator]
+        return float(
+            np.radians(angles[(index - self.below) % len(angles)] + self.section.angle_spread * rng.standard_normal())
+        )  # type: ignore[operator]
 
     def _record(self, rng: np.random.Generator, centre: tuple[float, float], angle: float) -> NDArray[np.float64]:
         shape = self.section.platelet

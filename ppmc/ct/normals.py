@@ -15,9 +15,16 @@ from ppmc.ct.settings import Settings, coarse_sigma
 
 
 def cell_axis(n: int, cell: int) -> tuple[int, int]:
-    """Return the first cell's middle voxel and the number of cells that cover an axis of n voxels, evenly placed."""
+    """Return the first cell's middle voxel and the number of cells that cover an axis of n voxels.
+
+    The cells lie evenly about the middle of the axis, so that a volume turned or mirrored has the same ones; to that
+    end cells have an odd width, and one more of them may reach beyond both ends.
+    """
     count = (n - 1) // cell + 1
-    return (n - 1 - (count - 1) * cell) // 2, count
+    left = n - 1 - (count - 1) * cell
+    if left % 2:
+        count, left = count + 1, left - cell
+    return left // 2, count
 
 
 def cell_windows(chosen: Settings) -> tuple[Floats, Floats, Floats]:

@@ -77,24 +77,22 @@ def grey_reference(volume: Volume) -> Reference:
     nz, ny, nx = volume.shape
     planes = np.unique(np.linspace(0, nz - 1, min(nz, REFERENCE_PLANES)).round().astype(int))
     count, total, squares = 0, 0.0, 0.0
-    first: float | None = None
+    # Squares are taken about a value near the mean, so that a large offset costs no digits.
+    near = float(
+        volume.read((slice(nz // 2, nz // 2 + 1), slice(ny // 2, ny // 2 + 1), slice(nx // 2, nx // 2 + 1)))[0, 0, 0]
+    )
     for z in planes:
         box = (slice(z, z + 1), slice(0, ny), slice(0, nx))
-        grey = volume.grey(box).astype(np.float64)
+        grey = volume.grey(box, near).astype(np.float64)
         chosen = grey if volume.read_mask is None else grey[volume.read_mask(box) != 0]
-        if chosen.size == 0:
-            continue
-        # Squares are taken about a value near the mean, so that a large offset costs no digits.
-        first = float(chosen.flat[0]) if first is None else first
-        chosen = chosen - first
         count += chosen.size
         total += float(chosen.sum())
         squares += float((chosen * chosen).sum())
-    if count == 0 or first is None:
+    if count == 0:
         return Reference(0.0, 1.0)
     mean = total / count
     unit = float(np.sqrt(max(squares / count - mean * mean, 0.0)))
-    return Reference(first + mean, unit if unit > 0.0 else 1.0)
+    return Reference(near + mean, unit if unit > 0.0 else 1.0)
 
 
 def threads_of(asked: int) -> int:
@@ -149,16 +147,14 @@ def orient(job: Job, box: Box, coarse: Coarse | None) -> dict[str, NDArray[np.ge
     if job.volume.read_mask is not None:
         here: Any = tuple(slice(a * k, (b - 1) * k + 1) for a, b in box)
         valid[...] = job.volume.read_mask(here)[::k, ::k, ::k] != 0
-    start, advance = np.ones(3), np.ones(3)
+    start, cell = np.zeros(3, np.int64), np.ones(3, np.int64)
     if coarse is not None:
-        start = (np.array([a * k for a, _ in box]) - coarse.start) / coarse.step
-        advance = k / np.array(coarse.step, np.float64)
+        start, cell = np.array(coarse.start[::-1]), np.array(coarse.step[::-1])
     orient_block(
-        tensors, corner[::-1].copy(), np.full(3, k // step), (1.0 / np.array(job.spacing)).astype(np.float32), steps,
-        NO_COARSE if coarse is None else coarse.tensors, start[::-1].astype(np.float32),
-        advance[::-1].astype(np.float32), np.float32(job.reference.unit**2),
-        np.float32(LEAST_ENERGY / min(job.spacing) ** 2), np.float32(job.least_confidence),
-        fibre, normal, values, confidence, planarity, valid,
+        tensors, corner[::-1].copy(), k // step, (1.0 / np.array(job.spacing)).astype(np.float32), steps,
+        NO_COARSE if coarse is None else coarse.tensors, np.array([a * k for a, _ in box[::-1]]), k, start, cell,
+        np.float32(job.reference.unit**2), np.float32(LEAST_ENERGY / min(job.spacing) ** 2),
+        np.float32(job.least_confidence), fibre, normal, values, confidence, planarity, valid,
     )  # fmt: skip
     return {
         "fibre_direction": fibre, "platelet_normal": normal, "eigenvalues": values,

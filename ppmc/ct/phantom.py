@@ -91,7 +91,7 @@ class Phantom:
         floor = -half[2] - below * thickness
         count = math.ceil((reach[2] + lift - floor) / thickness) + 1
         lower, upper = (-reach[0], -reach[1]), (reach[0], reach[1])
-        return Layup(self.section, self._seed, lower, upper, count), float(floor)
+        return Layup(self.section, self._seed, lower, upper, count, below), float(floor)
 
     @property
     def _blur(self) -> float:

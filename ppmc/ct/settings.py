@@ -104,7 +104,7 @@ def settings(section: CtSection, spacing: Triple, shape: tuple[int, int, int], t
     fine = [float(sigma / step) for step in h]
     slope = [filters.derivative(s) / np.float32(step) for s, step in zip(fine, h, strict=True)]
     two_scales = normal > float(fibre.max()) * 1.01 or section.normal_window is not None
-    cells = tuple(int(max(1, min(8, normal // (2.0 * step)))) for step in h)
+    cells = tuple(_odd_cell(normal / step) for step in h)
     return Settings(
         sigma=(sigma, sigma, sigma),
         fibre_window=_triple(fibre),
@@ -125,6 +125,11 @@ def _fibre_window(section: CtSection, h: NDArray[np.float64], thickness: float |
     if thickness is None:
         return np.full(3, ROUND * h.min())
     return np.array([IN_PLANE * h[:2].min(), IN_PLANE * h[:2].min(), THIN * h[2]])
+
+
+def _odd_cell(width: float) -> int:
+    """Return the odd number of voxels of a cell, at most about half the window's standard deviation in voxels."""
+    return max(1, min(7, 2 * int((0.5 * width + 0.5 - 1.0) // 2.0) + 1))
 
 
 def coarse_sigma(width: float, spacing: float, cell: int) -> float:

@@ -56,8 +56,8 @@ class Volume:
     direction: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     read_mask: Callable[[Box], NDArray[Any]] | None = None
 
-    def grey(self, box: Box) -> NDArray[np.float32]:
-        """Return grey values of a box as float32.
+    def grey(self, box: Box, middle: float = 0.0, unit: float = 1.0) -> NDArray[np.float32]:
+        """Return ``(grey - middle) / unit`` of a box as float32, never the file's own memory.
 
         Raises
         ------
@@ -73,7 +73,12 @@ class Volume:
                     f"{self.path}: voxel [z, y, x] = {[int(i) for i in where]} is not a finite number; "
                     "replace such voxels (for example by the mean) or mask them and fill with zero"
                 )
-        return np.ascontiguousarray(values, np.float32)
+        # Numbers that float32 does not hold exactly lose their offset first.
+        exact = values.dtype.itemsize <= 2 or values.dtype == np.float32
+        out: NDArray[Any] = values.astype(np.float32 if exact else np.float64, order="C")
+        np.subtract(out, out.dtype.type(middle), out=out)
+        np.multiply(out, out.dtype.type(1.0 / unit), out=out)
+        return out.astype(np.float32, copy=False)
 
 
 @contextmanager
@@ -156,7 +161,7 @@ def _own(path: Path) -> Iterator[Volume]:
 def _hdf5(path: Path, name: str | None) -> Iterator[Volume]:
     from ppmc.files.guard import dataset_of, open_guarded
 
-    with open_guarded(path, None) as file:
+    with open_guarded(path, "volume") as file:
         data = dataset_of(file, name or _only_volume(file, path), path)
         if data.ndim != 3:
             raise InputFileError(f"{path}: {data.name} has shape {data.shape}; a volume has three dimensions (z, y, x)")

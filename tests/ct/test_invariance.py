@@ -1,0 +1,194 @@
+"""What must not change the orientations, and volumes whose answer is known exactly."""
+
+import numpy as np
+import pytest
+
+from ppmc.orientation import angle_between_axes
+
+INSIDE = np.s_[8:-8, 8:-8, 8:-8]
+ROUND = {"fibre_window": 2.0, "normal_window": 4.0}
+AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
+
+
+def sound(result):
+    for name in ("fibre_direction", "platelet_normal"):
+        assert np.isfinite(result[name]).all()
+        assert np.max(np.abs(np.linalg.norm(result[name].astype(float), axis=-1) - 1.0)) < 1e-5
+    assert np.max(np.abs(np.sum(result["fibre_direction"] * result["platelet_normal"], axis=-1))) < 1e-5
+    for name in ("eigenvalues", "confidence", "planarity"):
+        assert np.isfinite(result[name]).all()
+
+
+@pytest.mark.parametrize("direction", [(1, 2, 0.5), (0.3, -1, 2), (1, 1, 1), (-2, 1, 0)])
+def test_plane_waves_give_their_direction(solve, texture, direction):
+    result = solve(texture(direction), **ROUND)
+    sound(result)
+    error = angle_between_axes(result["fibre_direction"][INSIDE], np.array(direction, float))
+    assert np.median(error) < 0.02
+    assert error.max() < 0.1
+    assert result["confidence"][INSIDE].min() > 0.99
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_fibre_exactly_along_an_axis(solve, texture, axis):
+    result = solve(texture(AXES[axis]), **ROUND)
+    sound(result)
+    assert angle_between_axes(result["fibre_direction"], np.array(AXES[axis], float)).max() < 0.01
+    assert result["valid"].all()
+
+
+def noisy(texture):
+    grey = texture((1, 2, 0.5), n=40)
+    return grey + 0.5 * np.random.default_rng(3).standard_normal(grey.shape).astype(np.float32)
+
+
+TURNS = {
+    # volume turned, result turned back, and its components in the old axes
+    "mirror z": (lambda g: g[::-1], lambda v: v[::-1] * [1, 1, -1]),
+    "quarter turn about z": (
+        lambda g: np.rot90(g, axes=(1, 2)),
+        lambda v: np.rot90(v, -1, axes=(1, 2))[..., [1, 0, 2]] * [-1, 1, 1],
+    ),
+    "quarter turn about x": (
+        lambda g: np.rot90(g, axes=(0, 1)),
+        lambda v: np.rot90(v, -1, axes=(0, 1))[..., [0, 2, 1]] * [1, -1, 1],
+    ),
+    "cyclic swap": (lambda g: np.transpose(g, (2, 0, 1)), lambda v: np.transpose(v, (1, 2, 0, 3))[..., [2, 0, 1]]),
+}
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("steps", [0, 2])
+def test_rotation_by_right_angles_and_swap_of_axes(solve, texture, turn, steps):
+    """Turning the volume turns the vectors, to float32 rounding."""
+    options = {**ROUND, "side_steps": steps}
+    grey = noisy(texture)
+    base = solve(grey, **options)
+    forth, back = TURNS[turn]
+    result = solve(np.ascontiguousarray(forth(grey)), **options)
+    for name in ("fibre_direction", "platelet_normal"):
+        error = angle_between_axes(back(result[name]), base[name])
+        # a displaced window may win or lose by a rounding error, so a few voxels may differ
+        assert np.mean(error > 0.01) < (1e-3 if steps else 1e-12), name
+
+
+@pytest.mark.parametrize(
+    ("gain", "offset"), [(1e-4, 0.0), (1e4, 0.0), (1.0, 3e4), (1e3, -1e6), (1e-12, 0.0), (1e12, 0.0)]
+)
+def test_grey_scale_does_not_matter(solve, texture, gain, offset):
+    grey = noisy(texture)
+    base = solve(grey, **ROUND)
+    result = solve((gain * grey.astype(float) + offset).astype(np.float32), **ROUND)
+    sound(result)
+    error = angle_between_axes(result["fibre_direction"], base["fibre_direction"])
+    assert np.median(error) < 2e-3
+    assert error.max() < 0.3
+    assert np.array_equal(result["valid"], base["valid"])
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "int16", "float64", ">u2"])
+def test_number_types(solve, texture, dtype):
+    grey = np.rint(128.0 + 12.0 * texture((1, 2, 0.5)))
+    base = solve(grey.astype(np.float32), **ROUND)
+    result = solve(grey.astype(dtype), **ROUND)
+    assert angle_between_axes(result["fibre_direction"], base["fibre_direction"]).max() < 1e-3
+
+
+@pytest.mark.parametrize("value", [0, 200, 1e6])
+def test_constant_volume_is_invalid_but_sound(solve, value):
+    result = solve(np.full((24, 24, 24), value, np.float32), **ROUND)
+    sound(result)
+    assert not result["valid"].any()
+    assert not result["eigenvalues"].any()
+    assert not result["confidence"].any()
+
+
+def test_single_bright_voxel(solve):
+    grey = np.zeros((33, 33, 33), np.uint8)
+    grey[16, 16, 16] = 255
+    result = solve(grey, **ROUND)
+    sound(result)
+    assert not result["valid"][0, 0, 0]
+
+
+@pytest.mark.parametrize("normal", [(0, 0, 1), (0, 1, 0), (1, 0, 0), (1, 1, 0)])
+def test_planar_step_knows_its_normal_and_admits_that_p_is_unknown(solve, normal):
+    z, y, x = np.meshgrid(*(np.arange(32) - 15.5,) * 3, indexing="ij")
+    grey = (normal[0] * x + normal[1] * y + normal[2] * z > 0).astype(np.float32)
+    result = solve(grey, **ROUND)
+    sound(result)
+    near = np.abs(normal[0] * x + normal[1] * y + normal[2] * z) < 2
+    near[:8], near[-8:], near[:, :8], near[:, -8:], near[:, :, :8], near[:, :, -8:] = (False,) * 6
+    assert angle_between_axes(result["platelet_normal"][near], np.array(normal, float)).max() < 0.1
+    assert result["planarity"][near].min() > 0.99
+    assert result["confidence"][near].max() < 0.05
+    assert not result["valid"][near].any()
+
+
+def test_anisotropic_voxels(solve, texture):
+    spacing = (0.1, 0.1, 0.2)
+    direction = (1, 0.5, 0.8)
+    grey = texture(direction, n=40, spacing=spacing)
+    result = solve(grey, spacing=spacing, fibre_window=0.4, normal_window=0.8)
+    error = angle_between_axes(result["fibre_direction"][INSIDE], np.array(direction, float))
+    assert np.median(error) < 0.3
+    assert error.max() < 0.6
+
+
+@pytest.mark.parametrize("steps", [0, 1])
+@pytest.mark.parametrize("stride", [1, 3])
+def test_blocks_and_threads_change_no_bit(solve, texture, steps, stride):
+    grey = noisy(texture)
+    mask = np.ones(grey.shape, np.uint8)
+    mask[:, :7] = 0
+    for own_mask in (None, mask):
+        options = {
+            "fibre_window": (2.0, 2.0, 0.7),
+            "normal_window": 5.0,
+            "side_steps": steps,
+            "stride": stride,
+            "mask": own_mask,
+        }
+        base = solve(grey, cut={"planes": 100, "rows": 100}, **options)
+        for threads, planes, rows in ((1, 7, 11), (2, 3, 5), (3, 1, 64)):
+            other = solve(grey, threads=threads, cut={"planes": planes, "rows": rows}, **options)
+            for name in base:
+                assert np.array_equal(other[name], base[name]), (name, threads, planes, rows)
+
+
+def test_stride_gives_the_voxels_of_the_full_output(solve, texture):
+    grey = noisy(texture)
+    options = {"fibre_window": (2.0, 2.0, 0.7), "normal_window": 5.0}
+    full = solve(grey, **options)
+    for k in (2, 4):
+        some = solve(grey, stride=k, **options)
+        error = angle_between_axes(some["fibre_direction"], full["fibre_direction"][::k, ::k, ::k])
+        assert np.median(error) < 1e-3
+        assert error.max() < 0.2
+
+
+def test_normal_of_a_stack_of_plies(solve, texture):
+    """Plies of alternating grey value lie in the x-y plane, whatever their streaks do."""
+    directions = [(1, 0, 0), (1, 1, 0), (0, 1, 0), (1, -1, 0)]
+    plies = [texture(d, n=40, seed=i)[:6] + 8.0 * (i % 2) for i, d in enumerate(directions * 2)]
+    result = solve(np.concatenate(plies), thickness=6.0, normal_window=6.0)
+    error = angle_between_axes(result["platelet_normal"], np.array([0.0, 0.0, 1.0]))
+    assert np.median(error) < 3.0
+
+
+def test_mask_hides_the_outside(solve, texture):
+    """Bright air and clamps around a specimen change nothing inside it."""
+    grey = noisy(texture)
+    mask = np.zeros(grey.shape, np.uint8)
+    mask[6:34, 6:34, 6:34] = 1
+    options = {**ROUND, "mask": mask}
+    base = solve(grey, **options)
+    other = grey.copy()
+    other[mask == 0] = 500.0
+    other[:3] = -800.0
+    result = solve(other, **options)
+    for name in base:
+        assert np.array_equal(result[name][mask > 0], base[name][mask > 0]), name
+    assert not result["valid"][mask == 0].any()
+    error = angle_between_axes(result["fibre_direction"][mask > 0], np.array([1, 2, 0.5]))
+    assert np.median(error) < 3.0

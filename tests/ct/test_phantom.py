@@ -1,0 +1,111 @@
+"""The phantom is what it says: its truth is exact, it can be made again, and the CT stage finds the truth in it."""
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from ppmc.ct.phantom import Phantom
+from ppmc.scene.phantom import PhantomSection
+
+SMALL = {"cavity": (8, 6, 3.0), "voxel_size": 0.1, "platelet": {"length": 4, "width": 2, "thickness": 0.6}}
+
+
+def made(seed=0, **section):
+    phantom = Phantom(PhantomSection(**{**SMALL, **section}), seed)
+    slabs = list(phantom.slabs())
+    return phantom, {name: np.concatenate([s.fields[name] for s in slabs]) for name in slabs[0].fields}
+
+
+@pytest.mark.parametrize(
+    "section", [{}, {"waviness": 6.0, "tilt": (8, -5)}, {"margin": 0.3, "voxel_size": (0.1, 0.1, 0.15)}]
+)
+def test_truth_is_orthonormal_in_platelets_and_absent_elsewhere(section):
+    _, fields = made(**section)
+    p, r, platelet = fields["fibre_direction"], fields["platelet_normal"], fields["platelet_id"]
+    inside = platelet >= 0
+    assert np.max(np.abs(np.linalg.norm(p[inside], axis=1) - 1)) < 1e-5
+    assert np.max(np.abs(np.linalg.norm(r[inside], axis=1) - 1)) < 1e-5
+    assert np.max(np.abs(np.sum(p[inside] * r[inside], axis=1))) < 1e-5
+    assert not p[~inside].any()
+    assert not r[~inside].any()
+    assert 0.9 < inside[fields["mask"] > 0].mean() < 1.0
+
+
+def test_same_seed_same_volume_other_seed_other_volume():
+    _, first = made(3)
+    _, again = made(3)
+    _, other = made(4)
+    for name in first:
+        assert np.array_equal(first[name], again[name]), name
+    assert not np.array_equal(first["grey"], other["grey"])
+
+
+def test_slab_thickness_does_not_matter(monkeypatch):
+    section = {"waviness": 4.0, "margin": 0.2}
+    _, whole = made(**section)
+    monkeypatch.setattr("ppmc.ct.phantom.SLAB_BYTES", 60 * 64 * 84 * 5)
+    _, cut = made(**section)
+    for name in whole:
+        assert np.array_equal(whole[name], cut[name]), name
+
+
+@pytest.mark.parametrize("section", [{}, {"waviness": 6.0, "tilt": (5, 3)}])
+def test_streaks_run_exactly_along_the_true_direction(section):
+    """Inside a platelet the grey value does not change along p, but does across it."""
+    _, fields = made(noise=0.0, blur=0.02, void_fraction=0.0, grey_type="float32", resin_thickness=0.0, voxel_size=0.05,
+                     cavity=(4, 3, 1.8), streak_wavelength=0.6, platelet_contrast=0.0, **section)  # fmt: skip
+    grey, platelet = fields["grey"], fields["platelet_id"]
+    gradient = np.stack(np.gradient(grey)[::-1], axis=-1)
+    core = platelet >= 0
+    for axis in range(3):
+        for shift in (-2, -1, 1, 2):
+            core &= np.roll(platelet, shift, axis) == platelet
+    core[:3], core[-3:], core[:, :3], core[:, -3:], core[:, :, :3], core[:, :, -3:] = (False,) * 6
+    along = np.sum(gradient * fields["fibre_direction"], axis=-1)[core]
+    assert np.sqrt(np.mean(along**2)) < 0.05 * np.sqrt(np.mean(gradient[core] ** 2))
+
+
+def test_angles_of_a_list_and_their_spread():
+    _, fields = made(angles=[30, -60], noise=0.0)
+    p = fields["fibre_direction"][fields["platelet_id"] >= 0]
+    angle = np.degrees(np.arctan2(p[:, 1], p[:, 0])) % 180
+    assert set(np.round(angle).astype(int)) == {30, 120}
+
+
+def test_plies_take_the_angles_in_turn():
+    _, fields = made(layup="plies", angles=[0, 90], void_fraction=0.0)
+    p = fields["fibre_direction"][:, 20, 20]
+    assert np.allclose(np.abs(p[:6, 0]), 1.0, atol=1e-6)
+    assert np.allclose(np.abs(p[6:12, 1]), 1.0, atol=1e-6)
+    assert (fields["platelet_id"] >= 0).all()
+
+
+def test_waviness_has_the_slope_asked_for():
+    _, fields = made(cavity=(24, 24, 1.2), voxel_size=0.2, waviness=5.0, waviness_length=8.0)
+    r = fields["platelet_normal"][fields["platelet_id"] >= 0].astype(float)
+    slope = np.degrees(np.sqrt(np.mean((r[:, 0] ** 2 + r[:, 1] ** 2) / r[:, 2] ** 2)))
+    assert 3.0 < slope < 7.0
+
+
+def test_voids_take_their_share():
+    _, fields = made(void_fraction=0.05, coverage=1.0, void_diameter=0.8)
+    grey = fields["grey"][fields["mask"] > 0].astype(float)
+    assert 0.02 < np.mean(fields["platelet_id"] < 0) < 0.08
+    assert grey.min() < grey.mean() - 3 * 20
+
+
+@pytest.mark.parametrize(("dtype", "middle"), [("uint8", 128), ("uint16", 30000), ("float32", 0)])
+def test_grey_types(dtype, middle):
+    _, fields = made(grey_type=dtype)
+    assert fields["grey"].dtype == np.dtype(dtype)
+    assert abs(fields["grey"].astype(float).mean() - middle) < 0.8 * fields["grey"].std()
+
+
+@pytest.mark.parametrize(
+    ("section", "message"),
+    [({"cavity": (8, 6, 0.2)}, "2 voxels wide along z"), ({"layup": "plies"}, "list of angles"),
+     ({"angles": []}, "empty"), ({"platelet": {"length": 4, "width": 2, "thickness": 3}}, "must not exceed")],
+)  # fmt: skip
+def test_scenes_that_cannot_be(section, message):
+    with pytest.raises(ValidationError, match=message):
+        PhantomSection(**{**SMALL, **section})
