@@ -11,7 +11,7 @@ from ppmc.scene.units import PositiveDensity, PositivePressure, PositiveStrainRa
 
 
 class ZeroEnergyControl(Section):
-    """Stiffness of the particle-to-particle modes that averaged gradients do not see, in units of the physical stiffness."""
+    """Stiffness of modes that averaged gradients do not see, in units of the physical stiffness."""
 
     isotropic: float = Field(default=1.0, ge=0)
     """Share of the shear viscosity."""
@@ -27,7 +27,7 @@ class SolverSection(Section):
     end_time: PositiveTime = Field(examples=["1 s"])
     """Time at which the run ends, s."""
     output_interval: PositiveTime | None = Field(default=None, examples=["0.1 s"])
-    """Time between frames of the flow history, s; a twentieth of `end_time` if left out. Frames fall exactly on these times."""
+    """Time between frames, s, hit exactly; a twentieth of `end_time` if left out."""
     output_times: tuple[PositiveTime, ...] | None = Field(default=None, examples=[["0.5 s", "1 s"]])
     """Further times, s, that are hit exactly and written."""
     integrator: Literal["implicit", "explicit"] = "implicit"
@@ -51,8 +51,8 @@ class SolverSection(Section):
 
     bulk_modulus: PositivePressure | None = Field(default=None, examples=["1.31 GPa"])
     """K that keeps the volume, Pa; `bulk_ratio` decides if left out."""
-    bulk_ratio: float = Field(default=100.0, gt=0)
-    """K over (axial viscosity x closing strain rate); the volume error along stiff fibres is about a third of its inverse."""
+    bulk_ratio: float = Field(default=300.0, gt=0)
+    """K over ((R + 2) eta23 x closing strain rate), the stress of a planar random squeeze."""
     reynolds_number: float = Field(default=0.0, ge=0, le=0.1)
     """Reynolds number of scaled inertia, rho v h / ((R + 2) eta23); 0 leaves inertia out (implicit integrator only)."""
     density: PositiveDensity | None = Field(default=None, examples=["16 g/mm^3"])
@@ -81,7 +81,11 @@ class SolverSection(Section):
         if self.output_interval is not None and self.output_interval > self.end_time:
             raise ValueError(f"`output_interval` {self.output_interval:g} s is beyond `end_time` {self.end_time:g} s")
         if self.output_times is not None and max(self.output_times) > self.end_time:
-            raise ValueError(f"output time {max(self.output_times):g} s cannot be reached: `end_time` is {self.end_time:g} s")
+            raise ValueError(
+                f"output time {max(self.output_times):g} s cannot be reached: `end_time` is {self.end_time:g} s"
+            )
         if self.integrator == "explicit" and self.reynolds_number == 0.0 and self.density is None:
-            raise ValueError("the explicit integrator needs inertia: give `reynolds_number` (0.01 or less) or `density`")
+            raise ValueError(
+                "the explicit integrator needs inertia: give `reynolds_number` (0.01 or less) or `density`"
+            )
         return self

@@ -56,8 +56,8 @@ def ratio_from_aspect(aspect_ratio: float, rule: str, fibre_volume_fraction: flo
     aspect_ratio : float
         a.
     rule : {"pipes", "shear_lag"}
-        ``pipes``: :math:`\eta_{11}/\eta_{23} = (V_f/2)\,a^2`; ``shear_lag``: :math:`a^2/4`. The papers give the proportionality
-        to :math:`a^2` but not the factor, so the rule is the user's to choose.
+        ``pipes``: :math:`\eta_{11}/\eta_{23} = (V_f/2)\,a^2`; ``shear_lag``: :math:`a^2/4`. The papers give the
+        proportionality to :math:`a^2` but not the factor, so the rule is the user's to choose.
     fibre_volume_fraction : float
         Vf, used by ``pipes``.
 

@@ -1,0 +1,1 @@
+"""Flow solver: particles of anisotropic viscous platelets between closing tools."""

@@ -1,0 +1,91 @@
+"""Checkpoints: two files in turn, so that one is whole whenever the other is being written."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ppmc.errors import InputFileError
+from ppmc.files import Provenance, read_state, write_state
+from ppmc.solver.state import ParticleState
+
+
+@dataclass
+class Checkpoint:
+    """Everything that a resumed run needs to go on bit for bit.
+
+    Attributes
+    ----------
+    state : ParticleState
+    list_positions, list_shape : ndarray
+        Positions and kernel shapes from which the neighbour list was last made.
+    history : ndarray, shape (steps, columns)
+    forced : ndarray, shape (tools, 3)
+        Displacement of force-controlled tools, mm.
+    time, time_step : float
+        Time reached and last step, s.
+    frames : int
+        Frames written so far.
+    """
+
+    state: ParticleState
+    list_positions: np.ndarray
+    list_shape: np.ndarray
+    history: np.ndarray
+    forced: np.ndarray
+    time: float
+    time_step: float
+    frames: int
+
+
+def checkpoint_paths(output: Path) -> tuple[Path, Path]:
+    """Return both checkpoint files of an output."""
+    return output.with_name(f"{output.stem}.checkpoint-a.h5ckpt"), output.with_name(
+        f"{output.stem}.checkpoint-b.h5ckpt"
+    )
+
+
+def save_checkpoint(output: Path, checkpoint: Checkpoint, provenance: Provenance) -> Path:
+    """Write over the older of the two files."""
+    first, second = checkpoint_paths(output)
+    ages = [path.stat().st_mtime_ns if path.exists() else -1 for path in (first, second)]
+    path = first if ages[0] <= ages[1] else second
+    arrays = {f"state_{name}": values for name, values in checkpoint.state.arrays().items()}
+    arrays |= {name: getattr(checkpoint, name) for name in ("list_positions", "list_shape", "history", "forced")}
+    # Floats go as hexadecimal text: exact, where a decimal detour need not be.
+    attributes: dict[str, Any] = {
+        "time": float(checkpoint.time).hex(),
+        "time_step": float(checkpoint.time_step).hex(),
+        "frames": checkpoint.frames,
+    }  # fmt: skip
+    write_state(path, arrays, attributes, provenance=provenance)
+    return path
+
+
+def load_checkpoint(output: Path, key: str) -> Checkpoint | None:
+    """Return the furthest checkpoint of the same scene, inputs and version (`key`), or None."""
+    best: Checkpoint | None = None
+    for path in checkpoint_paths(output):
+        if not path.exists():
+            continue
+        try:
+            arrays, attributes, provenance = read_state(path)
+        except InputFileError:
+            continue  # damaged; the other one is there for that
+        if provenance.key != key:
+            continue
+        state = ParticleState(**{k.removeprefix("state_"): v for k, v in arrays.items() if k.startswith("state_")})
+        found = Checkpoint(
+            state, arrays["list_positions"], arrays["list_shape"], arrays["history"], arrays["forced"],
+            float.fromhex(attributes["time"]), float.fromhex(attributes["time_step"]), attributes["frames"],
+        )  # fmt: skip
+        if best is None or found.time > best.time:
+            best = found
+    return best
+
+
+def remove_checkpoints(output: Path) -> None:
+    """Delete both files, once the run is complete."""
+    for path in checkpoint_paths(output):
+        path.unlink(missing_ok=True)

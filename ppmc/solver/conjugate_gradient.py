@@ -1,0 +1,124 @@
+r"""Preconditioned conjugate gradients on the velocities that the tools leave free.
+
+A relative residual misleads here: with stiff fibres a residual of 1e-4 can hide a velocity error of 20 %. The solve
+stops on an estimate of the velocity error itself: the change of the solution over windows of iterations, summed as a
+geometric series with the ratio seen between the last windows.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppmc.errors import NumericalError
+from ppmc.solver.reductions import dot
+
+Field = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass
+class Solution:
+    """Result of one solve.
+
+    Attributes
+    ----------
+    velocities : ndarray, shape (n, 3)
+        mm/s.
+    residual : ndarray, shape (n, 3)
+        b - A v including the constrained directions, Pa mm^2: minus the forces that the tools exert.
+    iterations : int
+    estimated_error : float
+        Estimated relative error of the velocities.
+    converged : bool
+    """
+
+    velocities: np.ndarray
+    residual: np.ndarray
+    iterations: int
+    estimated_error: float
+    converged: bool
+
+
+def conjugate_gradient(
+    apply: Field, project: Field, precondition: Field, right_side: np.ndarray, start: np.ndarray, *, tolerance: float,
+    max_iterations: int, window: int = 8, watch: Callable[[np.ndarray], bool] | None = None,
+) -> Solution:  # fmt: skip
+    """Solve P A P w = P (b - A v_start), v = v_start + w.
+
+    Parameters
+    ----------
+    apply : callable
+        v -> A v, symmetric positive semi-definite; shape (n, 3).
+    project : callable
+        Projection P onto the free directions; returns a new array.
+    precondition : callable
+        Symmetric approximate inverse that maps free residuals to free corrections.
+    right_side : ndarray, shape (n, 3)
+        b, Pa mm^2.
+    start : ndarray, shape (n, 3)
+        Velocities that fulfil the constraints, mm/s.
+    tolerance : float
+        Estimated relative velocity error at which to stop.
+    max_iterations : int
+        Iterations after which to stop anyhow.
+    window : int
+        Iterations between estimates.
+    watch : callable, optional
+        Called with the velocities after each window; true stops the solve (used to measure true errors).
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    ppmc.errors.NumericalError
+        If the operator yields values that are not finite.
+    """
+    v = start.copy()
+    residual = right_side - apply(v)
+    r = project(residual)
+    z = precondition(r)
+    p = z.copy()
+    rz = dot(r, z)
+    first_rz = rz
+    mark = v.copy()
+    changes: list[float] = []
+    estimate, done = np.inf, 0
+    while done < max_iterations:
+        if not np.isfinite(rz):
+            raise NumericalError("the velocity solve met values that are not finite; see the dump for the particles")
+        if rz <= 1e-28 * max(first_rz, 1e-300):
+            estimate = 0.0
+            break
+        ap = apply(p)
+        curvature = dot(p, ap)
+        if curvature <= 0.0:  # a rigid mode without load, or round-off
+            estimate = 0.0
+            break
+        alpha = rz / curvature
+        v += alpha * p
+        residual -= alpha * ap
+        r = project(residual)
+        z = precondition(r)
+        rz, previous = dot(r, z), rz
+        p *= rz / previous
+        p += z
+        done += 1
+        if done % window == 0:
+            change = v - mark
+            changes.append(np.sqrt(dot(change, change) / max(dot(v, v), 1e-300)))
+            mark[:] = v
+            estimate = _series_remainder(changes)
+            if estimate < tolerance or (watch is not None and watch(v)):
+                break
+    return Solution(v, residual, done, float(estimate), bool(estimate < tolerance))
+
+
+def _series_remainder(changes: list[float]) -> float:
+    """Sum of the changes still to come, if they go on shrinking as over the last windows."""
+    if len(changes) < 3:
+        return changes[-1] if changes[-1] < 1e-12 else np.inf
+    recent = max(changes[-2:])
+    ratio = min(max((changes[-1] / max(changes[-3], 1e-300)) ** 0.5, 0.5), 0.95)
+    return recent * ratio / (1.0 - ratio)

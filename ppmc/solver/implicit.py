@@ -1,0 +1,279 @@
+r"""Implicit step: one linear solve for the velocities, with or without scaled inertia.
+
+.. math:: (M/\Delta t + A)\,v = M v^0/\Delta t - B^T V K (J - 1) I
+
+The operator A stands at the positions half a step ahead, predicted with the last velocity. That makes the step second
+order, and it removes a first-order error that a stiff fibre shows: a step from the old positions needs a little
+volumetric strain to keep the volume, and the deviatoric fibre stress turns a third of that into strain along the
+fibre.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ppmc.errors import NumericalError
+from ppmc.solver import materials
+from ppmc.solver.block_jacobi import multiply_blocks, restricted_inverse
+from ppmc.solver.conjugate_gradient import Solution, conjugate_gradient
+from ppmc.solver.contact import Contacts
+from ppmc.solver.gradient import moment_inverses, velocity_gradient
+from ppmc.solver.kernel_shape import convect_shape, inverse_shape
+from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, cell_order, list_is_stale, weigh_pairs
+from ppmc.solver.operator import Operator, assemble
+from ppmc.solver.smoothing import SUPPORT
+from ppmc.solver.state import ParticleState
+from ppmc.solver.tools import Walls
+from ppmc.solver.transport import convect_deformation, convect_directions, jeffery_increment
+
+SKIN = 0.1  # of the support radius
+RELEASE = 1e-3  # pull, in mean pressing reactions, that releases a contact
+TOUCH = 1e-6  # gap, in spacings, at which a face counts as touched
+
+
+@dataclass
+class StepReport:
+    """What one step did; every number goes into the history."""
+
+    time_step: float = 0.0
+    iterations: int = 0
+    passes: int = 0
+    estimated_error: float = 0.0
+    unconverged: int = 0
+    contacts: int = 0
+    penetration: float = 0.0
+    dissipation: float = 0.0
+    zero_energy_share: float = 0.0
+    tool_force: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+
+
+@dataclass
+class Model:
+    """Constants of a run.
+
+    Attributes
+    ----------
+    settings : section `solver` of the scene
+    material : section `material` of the scene
+    walls : Walls
+    smoothing_length : float
+        h, mm.
+    bulk_modulus : float
+        K, Pa.
+    density : float
+        Scaled density, g/mm^3; zero leaves inertia out.
+    """
+
+    settings: Any
+    material: Any
+    walls: Walls
+    smoothing_length: float
+    bulk_modulus: float
+    density: float
+
+    @property
+    def spacing(self) -> float:
+        """Mean particle spacing, mm."""
+        return float(np.cbrt(np.prod(self.walls.spacing)))
+
+
+class ImplicitIntegrator:
+    """Advances a state step by step; holds the neighbour list and nothing else that outlives a step."""
+
+    def __init__(self, model: Model, state: ParticleState) -> None:
+        self.model = model
+        self.state = state
+        self.neighbours: NeighbourList | None = None
+        self.list_shape = np.empty((0, 6))
+
+    def refresh_neighbours(self, force: bool = False) -> None:
+        """Sort the particles and list neighbours anew if the list is stale."""
+        state, h = self.state, self.model.smoothing_length
+        affine = self.model.settings.kernel_shape == "affine"
+        if (
+            self.neighbours is not None
+            and not force
+            and not affine
+            and not list_is_stale(self.neighbours, state.position)
+        ):
+            return
+        cutoff = SUPPORT * h * (1.0 + SKIN)
+        state.reorder(cell_order(state.position, cutoff))
+        self.list_shape = state.kernel_shape.copy()
+        self.rebuild_list(state.position)
+
+    def rebuild_list(self, positions: np.ndarray) -> None:
+        """List neighbours at given positions (those of the last rebuild, when a run is resumed)."""
+        support = SUPPORT * self.model.smoothing_length
+        metric, longest = None, 1.0
+        if self.model.settings.kernel_shape == "affine":
+            metric, longest = inverse_shape(self.list_shape)
+        self.neighbours = build_list(positions, support * (1.0 + SKIN), 0.5 * support * SKIN, metric, longest)
+
+    def weigh(self, positions: np.ndarray) -> Pairs:
+        """Weighted pairs at positions near the current ones."""
+        assert self.neighbours is not None
+        metric = inverse_shape(self.state.kernel_shape)[0] if self.model.settings.kernel_shape == "affine" else None
+        return weigh_pairs(self.neighbours, positions, self.model.smoothing_length, metric)
+
+    def initialise(self, time: float, time_step: float) -> StepReport:
+        """Find the velocities at the start (inertia-free only), so that the first step can predict."""
+        self.refresh_neighbours(force=True)
+        if self.model.density > 0.0:
+            self._solve(time, time_step, update=False)
+            return StepReport()
+        return self._solve(time, time_step, update=False)
+
+    def step(self, time: float, time_step: float) -> StepReport:
+        """Advance the state from `time` by `time_step` (s)."""
+        self.refresh_neighbours()
+        return self._solve(time, time_step, update=True)
+
+    def operator(self, ahead: float, time: float, time_step: float) -> Operator:
+        """Operator at the positions predicted for `ahead` seconds later."""
+        state, model = self.state, self.model
+        positions = state.position + ahead * state.velocity
+        normals = (
+            model.walls.nearest_normals(positions, time) if model.material.model in materials.NEEDS_NORMALS else None
+        )
+        viscosity = materials.evaluate(model.material, state, normals)
+        if ahead > 0.0 and normals is None:
+            for k in range(viscosity.directions.shape[1]):
+                turned = np.ascontiguousarray(viscosity.directions[:, k])
+                convect_directions(np.eye(3) + ahead * state.velocity_gradient, turned)
+                viscosity.directions[:, k] = turned
+        control = model.settings.zero_energy
+        return assemble(
+            self.weigh(positions), positions, state.volume, viscosity.shear,
+            model.bulk_modulus * state.volume_ratio * time_step,
+            viscosity.fibre, viscosity.directions, control.isotropic, control.volumetric, control.fibre,
+        )  # fmt: skip
+
+    def _solve(self, time: float, dt: float, update: bool) -> StepReport:
+        state, model = self.state, self.model
+        operator = self.operator(0.5 * dt if update else 0.0, time, dt)
+        speed = np.linalg.norm(model.walls.offsets(time + dt) - model.walls.offsets(time), axis=1).max(initial=0.0)
+        reach = 1.3 * float(model.walls.spacing.max()) + 2.0 * float(speed)
+        contacts = model.walls.contacts(state, time, dt, reach)
+        contacts.active |= contacts.gap <= TOUCH * model.spacing
+        contacts.active |= contacts.violations(state.velocity, dt) > TOUCH * model.spacing
+        report = StepReport(time_step=dt)
+        solution = self._active_set(operator, contacts, dt, report)
+        self._account(operator, contacts, solution, dt, report)
+        if update:
+            self._advance(solution.velocities, contacts, dt)
+        else:
+            gradient = self._gradient_at_start(solution.velocities)
+            if model.density == 0.0:
+                state.velocity, state.velocity_gradient = solution.velocities, gradient
+        return report
+
+    def _active_set(self, operator: Operator, contacts: Contacts, dt: float, report: StepReport) -> Solution:
+        state, model = self.state, self.model
+        mass = (model.density / dt) * state.volume[:, None]
+        right_side = mass * state.velocity - operator.pressure_force(model.bulk_modulus * (state.volume_ratio - 1.0))
+        blocks = operator.diagonal() + mass[:, :, None] * np.eye(3)
+        velocities = state.velocity
+        last = model.settings.contact_passes - 1
+        for attempt in range(last + 1):
+            drag, drag_load = self._friction(contacts)
+            free, held = contacts.constrain(dt)
+
+            def apply(v: np.ndarray, drag: np.ndarray | None = drag) -> np.ndarray:
+                out = operator.apply(v)
+                out += mass * v
+                if drag is not None:
+                    out += multiply_blocks(drag, v)
+                return out
+
+            def project(v: np.ndarray, free: np.ndarray = free) -> np.ndarray:
+                return multiply_blocks(free, v)
+
+            inverse = restricted_inverse(blocks if drag is None else blocks + drag, free)
+            solution = conjugate_gradient(
+                apply, project, lambda r, inverse=inverse: multiply_blocks(inverse, r),
+                right_side if drag_load is None else right_side + drag_load, project(velocities) + held,
+                tolerance=model.settings.velocity_tolerance, max_iterations=model.settings.max_iterations,
+            )  # fmt: skip
+            velocities = solution.velocities
+            report.iterations += solution.iterations
+            report.passes += 1
+            report.estimated_error = solution.estimated_error
+            report.unconverged += not solution.converged
+            pressing, _ = contacts.reactions(-solution.residual)
+            positive = pressing[pressing > 0.0]
+            limit = RELEASE * float(positive.mean()) if len(positive) else 0.0
+            added = contacts.violations(velocities, dt) > 1e-3 * model.spacing
+            # In the last pass nothing is released: a small pull for one step does less harm than a penetration.
+            released = contacts.active & (pressing < -limit) if attempt < last else np.zeros_like(added)
+            if attempt == last or not (added.any() or released.any()):
+                break
+            contacts.active = (contacts.active & ~released) | added
+        return solution
+
+    def _friction(self, contacts: Contacts) -> tuple[np.ndarray | None, np.ndarray | None]:
+        state = self.state
+        factor = np.where(contacts.active, self.model.walls.friction(contacts), 0.0)
+        if not factor.any():
+            return None, None
+        width = 2.0 * np.take_along_axis(state.half_width, np.maximum(contacts.tool, 0), axis=1)
+        stretch = np.linalg.norm(np.einsum("nab,nka->nkb", state.deformation_gradient, contacts.normal), axis=2)
+        area = (state.volume * state.volume_ratio)[:, None] / np.maximum(width * stretch, 1e-12)
+        tangent = np.eye(3) - contacts.normal[..., :, None] * contacts.normal[..., None, :]
+        blocks = (factor * area)[..., None, None] * tangent
+        return blocks.sum(axis=1), np.einsum("nkab,nkb->na", blocks, contacts.wall_velocity)
+
+    def _account(
+        self, operator: Operator, contacts: Contacts, solution: Solution, dt: float, report: StepReport
+    ) -> None:
+        model = self.model
+        v = solution.velocities
+        if not np.all(np.isfinite(v)):
+            raise NumericalError(
+                f"{int(np.sum(~np.isfinite(v).all(axis=1)))} particles have velocities that are not finite"
+            )
+        resisted = operator.apply(v)
+        total = float(np.sum(v * resisted))
+        gradient = velocity_gradient(operator.pairs, operator.positions, operator.volumes, operator.inverse, v)
+        rate = 0.5 * (gradient + np.swapaxes(gradient, -1, -2))
+        physical = float(np.sum(operator.volumes * material_power(operator, rate)))
+        report.dissipation = total
+        report.zero_energy_share = max(0.0, 1.0 - physical / total) if total > 0.0 else 0.0
+        _, forces = contacts.reactions(-solution.residual)
+        report.tool_force = np.zeros((len(model.walls.tools), 3))
+        for k in range(contacts.tool.shape[1]):
+            on = contacts.active[:, k]
+            np.add.at(report.tool_force, contacts.tool[on, k], -forces[on, k])
+        report.contacts = int(contacts.active.any(axis=1).sum())
+        report.penetration = float(contacts.violations(v, dt).max(initial=0.0))
+
+    def _gradient_at_start(self, velocities: np.ndarray) -> np.ndarray:
+        state = self.state
+        pairs = self.weigh(state.position)
+        inverse, _, _ = moment_inverses(pairs, state.position, state.volume)
+        return velocity_gradient(pairs, state.position, state.volume, inverse, velocities)
+
+    def _advance(self, velocities: np.ndarray, contacts: Contacts, dt: float) -> None:
+        state, settings = self.state, self.model.settings
+        gradient = self._gradient_at_start(velocities)
+        increment = np.eye(3) + dt * gradient
+        state.position = state.position + dt * velocities
+        state.velocity, state.velocity_gradient = velocities, gradient
+        convect_deformation(increment, state.deformation_gradient, state.volume_ratio)
+        turn = increment if settings.shape_factor == 1.0 else jeffery_increment(gradient, dt, settings.shape_factor)
+        convect_directions(turn, state.fibre_direction)
+        if settings.transport_normals:
+            convect_directions(increment, state.in_plane_direction)
+        if settings.kernel_shape == "affine":
+            state.kernel_shape = convect_shape(state.kernel_shape, increment, settings.kernel_aspect_limit)
+        state.contact_tool = np.where(contacts.active, contacts.tool, -1).astype(np.int32)
+        state.contact_normal = contacts.normal
+
+
+def material_power(operator: Operator, rate: np.ndarray) -> np.ndarray:
+    """Power per volume of the material and its bulk stiffness, without zero-energy control; shape (n,)."""
+    from ppmc.solver.viscosity import viscous_stress
+
+    stress = viscous_stress(rate, operator.shear, operator.fibre, operator.directions)
+    return np.einsum("nij,nij->n", rate, stress) + operator.bulk * np.einsum("nii->n", rate) ** 2

@@ -1,0 +1,86 @@
+"""From scene and charge to a model and an undeformed state, with the checks that catch impossible inputs."""
+
+from typing import Any
+
+import numpy as np
+
+from ppmc.errors import SceneError
+from ppmc.files import ParticleFile
+from ppmc.geometry.toolset import ToolSet, compile_tools
+from ppmc.scene import Scene
+from ppmc.solver.implicit import Model
+from ppmc.solver.state import ParticleState
+from ppmc.solver.tools import Walls
+
+INSIDE_LIMIT = 0.25  # of a spacing: how deep a particle may start inside a tool before the scene is taken for wrong
+
+
+def prepare(scene: Scene, charge: ParticleFile) -> tuple[Model, ParticleState]:
+    """Make the model and the particles at time zero.
+
+    Parameters
+    ----------
+    scene : Scene
+        With sections `tooling`, `material` and `solver`.
+    charge : ParticleFile
+        Particles with frames and volumes; `extra` may hold the lattice spacing.
+
+    Raises
+    ------
+    SceneError
+        If a section is missing, or the charge lies inside a tool.
+    """
+    tools = compile_tools(scene.require("tooling"), scene.directory)
+    settings, material = scene.require("solver"), scene.require("material")
+    spacing = _spacing(charge)
+    walls = Walls(tools, spacing, np.zeros((len(tools), 3)))
+    _check_outside(charge.positions, tools, float(spacing.min()))
+    state = ParticleState.at_rest(
+        charge.positions, charge.fields["volume"], charge.fields["fibre_direction"],
+        charge.fields["in_plane_direction"], walls.starting_half_widths(charge.positions), charge.fields["platelet_id"],
+    )  # fmt: skip
+    speed, thickness = closing_motion(tools, charge.positions, spacing, settings.end_time)
+    rate = settings.strain_rate or (speed / thickness if speed > 0.0 else 1.0)
+    squeeze_viscosity = (material.ratio + 2.0) * material.shear
+    bulk = settings.bulk_modulus or settings.bulk_ratio * squeeze_viscosity * rate
+    density = settings.density or 0.0
+    if settings.density is None and settings.reynolds_number > 0.0:
+        density = settings.reynolds_number * squeeze_viscosity / (max(speed, rate * thickness) * thickness)
+    length = settings.smoothing_ratio * float(np.cbrt(np.prod(spacing)))
+    return Model(settings, material, walls, length, bulk, density), state
+
+
+def closing_motion(tools: ToolSet, positions: np.ndarray, spacing: np.ndarray, end: float) -> tuple[float, float]:
+    """Largest speed of a tool, mm/s, and the extent of the charge along it, mm."""
+    speed, direction, time = 0.0, np.array([0.0, 0.0, 1.0]), 0.0
+    while time < end:
+        for velocity in tools.velocities(time):
+            if np.linalg.norm(velocity) > speed:
+                speed = float(np.linalg.norm(velocity))
+                direction = velocity / speed
+        time = tools.next_break(time)
+    for forced in tools.motions.forced:
+        if forced.max_speed > speed:
+            speed, direction = forced.max_speed, forced.direction
+    along = positions @ direction
+    return speed, float(np.ptp(along) + np.linalg.norm(direction * spacing))
+
+
+def _spacing(charge: ParticleFile) -> np.ndarray:
+    given = charge.extra.get("spacing")
+    if given is not None:
+        return np.broadcast_to(np.asarray(given, dtype=np.float64), (3,)).copy()
+    # A charge from elsewhere: cubes of the mean volume.
+    return np.full(3, float(np.cbrt(charge.fields["volume"].mean())))
+
+
+def _check_outside(positions: np.ndarray, tools: ToolSet, spacing: float) -> None:
+    phi, _ = tools.distances(positions)
+    deepest = phi.min(axis=1)
+    for k in np.flatnonzero(deepest < -INSIDE_LIMIT * spacing):
+        count = int(np.sum(phi[k] < -INSIDE_LIMIT * spacing))
+        worst: Any = positions[int(np.argmin(phi[k]))].round(3).tolist()
+        raise SceneError(
+            f"tooling.{tools.names[k]}: {count} particles of the charge start inside this tool, the worst at {worst}"
+            f" mm, {-deepest[k]:.3g} mm deep; move the tool or the charge"
+        )

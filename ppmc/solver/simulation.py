@@ -1,0 +1,208 @@
+"""The run: steps, frames, checkpoints, stop requests, from a prepared model to the end time."""
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ppmc.errors import NumericalError, StoppedWithCheckpoint
+from ppmc.files import Provenance, SeriesWriter, write_state
+from ppmc.progress import Progress
+from ppmc.solver.checkpoint import Checkpoint, load_checkpoint, remove_checkpoints, save_checkpoint
+from ppmc.solver.frames import field_names, frame
+from ppmc.solver.history import History
+from ppmc.solver.implicit import ImplicitIntegrator, Model, StepReport
+from ppmc.solver.state import ParticleState
+from ppmc.solver.stop_requests import StopRequests
+from ppmc.solver.time_step import event_times, fit_to_times, proposed_step
+
+FIRST_STEP_SHARE = 1e-3  # of the end time: step assumed by the solve that finds the velocities at the start
+
+
+@dataclass
+class Simulation:
+    """One run on its way.
+
+    Attributes
+    ----------
+    model : Model
+    state : ParticleState
+    output : Path
+        Final file; the growing file, checkpoints and the table of steps lie beside it.
+    provenance : Provenance
+    """
+
+    model: Model
+    state: ParticleState
+    output: Path
+    provenance: Provenance
+
+    def run(self, resume: bool = True, max_walltime: float | None = None) -> Path:
+        """Go to the end time, or as far as a stop request lets it.
+
+        Raises
+        ------
+        NumericalError
+            If values stop being finite; the state is dumped beside the output.
+        StoppedWithCheckpoint
+            On SIGTERM or the wall-clock limit; the same command goes on from there.
+        KeyboardInterrupt
+            On Ctrl-C, after the checkpoint.
+        """
+        settings = self.model.settings
+        events = event_times(
+            settings.end_time, settings.output_interval or settings.end_time / 20.0, settings.output_times or ()
+        )
+        self._open(resume)
+        last_save, step_cost = clock.monotonic(), 0.0
+        with StopRequests(max_walltime) as requests, Progress("flow", total=settings.end_time, unit="s") as bar:
+            while self.time < events[-1]:
+                target = min(next(t for t in events if t > self.time), self.model.walls.tools.next_break(self.time))
+                before = clock.monotonic()
+                self._step(target)
+                if self.time == target and target in events:
+                    self._write_frame()
+                bar.update(self.time, self._note())
+                now = clock.monotonic()
+                step_cost = max(now - before, 0.5 * step_cost)
+                expired = requests.expired(3.0 * step_cost + 1.0)
+                if self.time >= events[-1]:
+                    break
+                if requests.checkpoint or requests.stop or expired or now - last_save > settings.checkpoint_interval:
+                    self._save()
+                    last_save, requests.checkpoint = now, False
+                if requests.interrupted:
+                    raise KeyboardInterrupt
+                if requests.stop or expired:
+                    reason = requests.stop or "the wall-clock limit"
+                    raise StoppedWithCheckpoint(
+                        f"stopped by {reason} at t = {self.time:.6g} s; the same command resumes there"
+                    )
+        self.writer.seal(self.output, self.history.by_column(), self._facts())
+        remove_checkpoints(self.output)
+        return self.output
+
+    def _open(self, resume: bool) -> None:
+        partial = self.output.with_name(f"{self.output.stem}.partial{self.output.suffix}")
+        table = self.output.with_name(f"{self.output.stem}.steps.csv")
+        names = self.model.walls.tools.names
+        saved = load_checkpoint(self.output, self.provenance.key) if resume and partial.exists() else None
+        if saved is None:
+            remove_checkpoints(self.output)
+            self.integrator = ImplicitIntegrator(self.model, self.state)
+            self.time, self.step_size = 0.0, np.inf
+            self.history = History(names, table)
+            self.report = self._guarded(
+                lambda: self.integrator.initialise(0.0, FIRST_STEP_SHARE * self.model.settings.end_time)
+            )
+            static = {
+                "platelet_id": self.state.platelet_id, "reference_position": self.state.reference_position,
+                "volume": self.state.volume,
+            }  # fmt: skip
+            self.writer = SeriesWriter.create(
+                partial, len(self.state), {k: self.state.in_original_order(v) for k, v in static.items()},
+                field_names(self.model), ("press_force", "mean_volume_ratio_error", "contacts"),
+                provenance=self.provenance,
+            )  # fmt: skip
+            self._write_frame()
+            return
+        self.state = saved.state
+        self.integrator = ImplicitIntegrator(self.model, saved.state)
+        self.integrator.list_shape = saved.list_shape
+        self.integrator.rebuild_list(saved.list_positions)
+        self.model.walls.forced = saved.forced
+        self.time, self.step_size = saved.time, saved.time_step
+        self.report = StepReport()
+        self.history = History(names, table, saved.history)
+        self.writer = SeriesWriter.resume(partial, saved.frames)
+        print(f"resumed at t = {self.time:.6g} s, step {len(self.history.rows)}")
+
+    def _step(self, target: float) -> None:
+        settings = self.model.settings
+        step = proposed_step(
+            self.state.velocity_gradient, settings.max_strain_increment, settings.max_displacement,
+            settings.max_time_step or np.inf, self.step_size,
+        )  # fmt: skip
+        if not np.isfinite(step):
+            step = 10.0 * FIRST_STEP_SHARE * settings.end_time
+        self.step_size = step
+        step = fit_to_times(self.time, step, target)
+        last = step >= target - self.time
+        self.report = self._guarded(lambda: self.integrator.step(self.time, step))
+        self.time = target if last else self.time + step
+        self.history.add(self.time, self.report, self.state, self._press_force())
+
+    def _guarded(self, advance: Callable[[], StepReport]) -> StepReport:
+        try:
+            report = advance()
+            self._check_finite()
+        except NumericalError as error:
+            path = self._dump()
+            raise NumericalError(f"{error} (t = {self.time:.6g} s; the state is in {path})") from error
+        return report
+
+    def _check_finite(self) -> None:
+        s = self.state
+        for name in ("position", "velocity", "deformation_gradient", "fibre_direction", "volume_ratio"):
+            values = getattr(s, name).reshape(len(s), -1)
+            bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+            if len(bad):
+                ids = sorted(s.original[bad].tolist())
+                raise NumericalError(f"{name} is not finite at {len(bad)} particles, the first: {ids[:5]}")
+        worst = int(np.argmin(s.volume_ratio))
+        if s.volume_ratio[worst] <= 0.0:
+            raise NumericalError(
+                f"particle {s.original[worst]} has turned inside out (J = {s.volume_ratio[worst]:.3g})"
+            )
+
+    def _dump(self) -> Path:
+        path = self.output.with_name(f"{self.output.stem}.crash.h5ckpt")
+        write_state(path, self.state.arrays(), {"time": self.time}, provenance=self.provenance)
+        return path
+
+    def _press_force(self) -> float:
+        """Force, uN, with which the moving tools press against the charge, along their motion."""
+        tools = self.model.walls.tools
+        velocities = tools.velocities(max(self.time - 1e-9 * self.model.settings.end_time, 0.0))
+        for forced in tools.motions.forced:
+            velocities[forced.tool] = forced.direction
+        total = 0.0
+        for velocity, force in zip(velocities, self.report.tool_force, strict=False):
+            speed = np.linalg.norm(velocity)
+            total -= float(force @ velocity) / speed if speed > 0.0 else 0.0
+        return total
+
+    def _write_frame(self) -> None:
+        positions, fields = frame(self.integrator, self.time)
+        error = float(np.abs(self.state.volume_ratio - 1.0).mean())
+        scalars = {
+            "press_force": self._press_force(),
+            "mean_volume_ratio_error": error,
+            "contacts": float(self.report.contacts),
+        }
+        self.writer.append(self.time, positions, fields, scalars)
+
+    def _save(self) -> None:
+        neighbours = self.integrator.neighbours
+        assert neighbours is not None
+        save_checkpoint(
+            self.output,
+            Checkpoint(
+                self.state, neighbours.positions, self.integrator.list_shape, self.history.table(),
+                self.model.walls.forced, self.time, self.step_size, self.writer.frames,
+            ),
+            self.provenance,
+        )  # fmt: skip
+
+    def _note(self) -> str:
+        return f"step {len(self.history.rows)}, {self.report.iterations} iterations, {self.report.contacts} contacts"
+
+    def _facts(self) -> dict[str, float | int | list[str]]:
+        return {
+            "bulk_modulus": self.model.bulk_modulus, "density": self.model.density,
+            "smoothing_length": self.model.smoothing_length, "spacing": self.model.spacing,
+            "steps": len(self.history.rows), "iterations": int(sum(row[2] for row in self.history.rows)),
+            "tools": list(self.model.walls.tools.names),
+        }  # fmt: skip

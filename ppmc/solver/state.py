@@ -1,0 +1,109 @@
+"""The particles' state: everything that a run carries from step to step, and nothing that can be computed from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+
+@dataclass
+class ParticleState:
+    """Arrays with one row a particle, in the current (cell-sorted) order.
+
+    Attributes
+    ----------
+    position : ndarray, shape (n, 3)
+        mm.
+    velocity : ndarray, shape (n, 3)
+        Velocity of the last step, mm/s.
+    velocity_gradient : ndarray, shape (n, 3, 3)
+        Velocity gradient of the last step, 1/s; predicts half-widths at the end of the next.
+    deformation_gradient : ndarray, shape (n, 3, 3)
+        F since the start.
+    volume_ratio : ndarray, shape (n,)
+        J.
+    fibre_direction : ndarray, shape (n, 3)
+        p.
+    in_plane_direction : ndarray, shape (n, 3)
+        q-hat; kept but not moved when normals are not transported.
+    volume : ndarray, shape (n,)
+        Volume at the start, mm^3.
+    reference_position : ndarray, shape (n, 3)
+        Position at the start, mm.
+    half_width : ndarray, shape (n, tools)
+        Reference half-width towards each tool, mm.
+    contact_tool : ndarray, shape (n, 3), int32
+        Tools touched in the last step, -1 for none.
+    contact_normal : ndarray, shape (n, 3, 3)
+        Normals of the faces touched.
+    kernel_shape : ndarray, shape (n, 6)
+        Shape tensor C of the support, unit determinant.
+    platelet_id : ndarray, shape (n,)
+    original : ndarray, shape (n,)
+        Number of the particle in the charge.
+    """
+
+    position: np.ndarray
+    velocity: np.ndarray
+    velocity_gradient: np.ndarray
+    deformation_gradient: np.ndarray
+    volume_ratio: np.ndarray
+    fibre_direction: np.ndarray
+    in_plane_direction: np.ndarray
+    volume: np.ndarray
+    reference_position: np.ndarray
+    half_width: np.ndarray
+    contact_tool: np.ndarray
+    contact_normal: np.ndarray
+    kernel_shape: np.ndarray
+    platelet_id: np.ndarray
+    original: np.ndarray
+
+    @classmethod
+    def at_rest(
+        cls, position: np.ndarray, volume: np.ndarray, fibre_direction: np.ndarray, in_plane_direction: np.ndarray,
+        half_width: np.ndarray, platelet_id: np.ndarray | None = None,
+    ) -> ParticleState:  # fmt: skip
+        """Undeformed particles at rest; arguments are attributes of the class."""
+        n = len(position)
+        identity = np.broadcast_to(np.eye(3), (n, 3, 3))
+        sphere = np.broadcast_to(np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]), (n, 6))
+        return cls(
+            position=np.array(position, dtype=np.float64),
+            velocity=np.zeros((n, 3)),
+            velocity_gradient=np.zeros((n, 3, 3)),
+            deformation_gradient=identity.copy(),
+            volume_ratio=np.ones(n),
+            fibre_direction=np.array(fibre_direction, dtype=np.float64),
+            in_plane_direction=np.array(in_plane_direction, dtype=np.float64),
+            volume=np.array(volume, dtype=np.float64),
+            reference_position=np.array(position, dtype=np.float64),
+            half_width=np.array(half_width, dtype=np.float64),
+            contact_tool=np.full((n, 3), -1, dtype=np.int32),
+            contact_normal=np.zeros((n, 3, 3)),
+            kernel_shape=sphere.copy(),
+            platelet_id=np.full(n, -1, dtype=np.int64)
+            if platelet_id is None
+            else np.array(platelet_id, dtype=np.int64),
+            original=np.arange(n),
+        )
+
+    def __len__(self) -> int:
+        """Return the number of particles."""
+        return len(self.position)
+
+    def reorder(self, order: np.ndarray) -> None:
+        """Permute all arrays."""
+        for f in fields(self):
+            setattr(self, f.name, np.ascontiguousarray(getattr(self, f.name)[order]))
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Return all arrays by name, for a checkpoint."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+    def in_original_order(self, values: np.ndarray) -> np.ndarray:
+        """Return `values`, shape (n, ...), sorted as the charge was."""
+        out = np.empty_like(values)
+        out[self.original] = values
+        return out

@@ -1,0 +1,106 @@
+"""The solver's view of the tools: faces near particles, half-widths, wall velocities over a step."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppmc.geometry.contacts import find_contacts
+from ppmc.geometry.packed import NAVIER, NO_SLIP
+from ppmc.geometry.toolset import ToolSet
+from ppmc.solver.contact import FACES, Contacts, half_widths, starting_half_widths
+from ppmc.solver.state import ParticleState
+
+SAME_FACE = 0.94  # cosine above which two normals of a tool are one face
+
+
+@dataclass
+class Walls:
+    """Tools with the displacements that a force-controlled tool cannot know beforehand.
+
+    Attributes
+    ----------
+    tools : ToolSet
+    spacing : ndarray, shape (3,)
+        Particle spacing along x1, x2, x3, mm.
+    forced : ndarray, shape (tools, 3)
+        Displacement of force-controlled tools so far, mm; zero for all others.
+    """
+
+    tools: ToolSet
+    spacing: np.ndarray
+    forced: np.ndarray
+
+    def offsets(self, time: float) -> np.ndarray:
+        """Displacement of every tool at a time, shape (tools, 3), mm."""
+        return self.tools.offsets(time) + self.forced
+
+    def starting_half_widths(self, positions: np.ndarray) -> np.ndarray:
+        """Reference half-widths, shape (n, tools), mm."""
+        phi, normals = self.tools.distances(positions)
+        out = np.empty((len(positions), len(self.tools)))
+        for k in range(len(self.tools)):
+            size = np.linalg.norm(normals[k] * self.spacing, axis=1)
+            mean = float(np.median(size)) if len(size) else 1.0
+            out[:, k] = starting_half_widths(phi[k], mean)
+        return out
+
+    def contacts(
+        self,
+        state: ParticleState,
+        time: float,
+        time_step: float,
+        reach: float,
+        forced_velocity: np.ndarray | None = None,
+    ) -> Contacts:
+        """Faces within `reach` (mm) of each particle, with the gaps to be kept at the end of the step.
+
+        Parameters
+        ----------
+        state : ParticleState
+        time, time_step : float
+            Beginning and length of the step, s.
+        reach : float
+            Largest distance of a face that can matter in the step, mm.
+        forced_velocity : ndarray, shape (tools, 3), optional
+            Velocity of force-controlled tools over the step, mm/s.
+        """
+        before, after = self.offsets(time), self.offsets(time + time_step)
+        wall = (after - before) / time_step
+        if forced_velocity is not None:
+            wall = wall + forced_velocity
+        _, tool, phi, normal = find_contacts(self.tools.arrays, before, state.position, reach)
+        tool, phi, normal = tool[:, :FACES].astype(np.int32), phi[:, :FACES], np.ascontiguousarray(normal[:, :FACES])
+        near = np.maximum(tool, 0)
+        gap = np.full(phi.shape, np.inf)
+        predicted = state.deformation_gradient + time_step * state.velocity_gradient @ state.deformation_gradient
+        rows = np.arange(len(state))
+        for k in range(FACES):
+            on = tool[:, k] >= 0
+            reference = state.half_width[rows[on], near[on, k]]
+            gap[on, k] = phi[on, k] - half_widths(reference, predicted[on], normal[on, k])
+        return Contacts(
+            tool=tool,
+            normal=normal,
+            gap=gap,
+            wall_velocity=np.ascontiguousarray(wall[near]),
+            sticks=(tool >= 0) & (self.tools.arrays.wall[near] == NO_SLIP),
+            active=_still_touched(tool, normal, state),
+        )
+
+    def friction(self, contacts: Contacts) -> np.ndarray:
+        """Navier friction coefficient of each face, shape (n, 3), Pa s/mm."""
+        near = np.maximum(contacts.tool, 0)
+        laws = self.tools.arrays
+        return np.where((contacts.tool >= 0) & (laws.wall[near] == NAVIER), laws.friction[near], 0.0)
+
+    def nearest_normals(self, positions: np.ndarray, time: float) -> np.ndarray:
+        """Normal of the nearest tool at each particle, shape (n, 3)."""
+        phi, normals = self.tools.distances(positions, time)
+        return normals[np.argmin(phi, axis=0), np.arange(len(positions))]
+
+
+def _still_touched(tool: np.ndarray, normal: np.ndarray, state: ParticleState) -> np.ndarray:
+    """Mark faces that were touched in the last step: same tool, nearly the same normal."""
+    same_tool = (tool[:, :, None] == state.contact_tool[:, None, :]) & (tool[:, :, None] >= 0)
+    cosine = np.einsum("nkc,nmc->nkm", normal, state.contact_normal)
+    return np.any(same_tool & (cosine > SAME_FACE), axis=2)

@@ -1,0 +1,86 @@
+r"""Convection of deformation and directions over one step.
+
+With the increment :math:`A = I + \Delta t\,L` (L taken at the positions where the step began, so that A is the exact
+increment of any affine motion): :math:`F \leftarrow A F`, :math:`J \leftarrow J\det A`, :math:`p \leftarrow A p/|A
+p|` (J1, A2) and the same for :math:`\hat q`. A shape factor :math:`\xi < 1` turns p by Jeffery's equation (A1)
+instead, exactly for a constant L: :math:`p \propto \exp[(W + \xi D)\Delta t]\,p`.
+"""
+
+# mypy: disable-error-code="no-untyped-def"
+
+import numpy as np
+
+from ppmc.compile_cache import njit, prange
+
+
+def convect_deformation(increment: np.ndarray, deformation_gradient: np.ndarray, volume_ratio: np.ndarray) -> None:
+    """Update F (n, 3, 3) and J (n,) in place by the increments A (n, 3, 3)."""
+    _convect_deformation(increment, deformation_gradient, volume_ratio)
+
+
+def convect_directions(increment: np.ndarray, directions: np.ndarray) -> None:
+    """Turn unit vectors (n, 3) in place with the increments A (n, 3, 3)."""
+    _convect_directions(increment, directions)
+
+
+def jeffery_increment(velocity_gradient: np.ndarray, time_step: float, shape_factor: float) -> np.ndarray:
+    r"""Increment :math:`\exp[(W + \xi D)\Delta t]` of Jeffery's equation at constant L.
+
+    Parameters
+    ----------
+    velocity_gradient : ndarray, shape (n, 3, 3)
+        L, 1/s.
+    time_step : float
+        s.
+    shape_factor : float
+        xi, in [-1, 1]; 1 is affine motion, -1 that of disc normals.
+
+    Returns
+    -------
+    ndarray, shape (n, 3, 3)
+        To be applied to p and normalised (J3, A1).
+    """
+    transposed = np.swapaxes(velocity_gradient, -1, -2)
+    generator = 0.5 * (velocity_gradient - transposed) + shape_factor * 0.5 * (velocity_gradient + transposed)
+    return matrix_exponential(generator * time_step)
+
+
+def matrix_exponential(matrices: np.ndarray) -> np.ndarray:
+    """Exponential of matrices (n, 3, 3), by scaling, a Taylor series of order 12 and squaring."""
+    size = float(np.abs(matrices).sum(axis=-1).max(initial=0.0))
+    halvings = max(0, int(np.ceil(np.log2(max(size, 1e-300)))) + 2)
+    scaled = matrices / 2.0**halvings
+    result = np.broadcast_to(np.eye(3), matrices.shape).copy()
+    term = result.copy()
+    for order in range(1, 13):
+        term = term @ scaled / order
+        result += term
+    for _ in range(halvings):
+        result = result @ result
+    return result
+
+
+@njit(cache=True, parallel=True)
+def _convect_deformation(a, f, j):
+    for i in prange(a.shape[0]):
+        m = a[i]
+        j[i] *= (
+            m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
+            - m[0, 1] * (m[1, 0] * m[2, 2] - m[1, 2] * m[2, 0])
+            + m[0, 2] * (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0])
+        )
+        for c in range(3):
+            f0, f1, f2 = f[i, 0, c], f[i, 1, c], f[i, 2, c]
+            for r in range(3):
+                f[i, r, c] = m[r, 0] * f0 + m[r, 1] * f1 + m[r, 2] * f2
+
+
+@njit(cache=True, parallel=True)
+def _convect_directions(a, p):
+    for i in prange(a.shape[0]):
+        p0, p1, p2 = p[i, 0], p[i, 1], p[i, 2]
+        q0 = a[i, 0, 0] * p0 + a[i, 0, 1] * p1 + a[i, 0, 2] * p2
+        q1 = a[i, 1, 0] * p0 + a[i, 1, 1] * p1 + a[i, 1, 2] * p2
+        q2 = a[i, 2, 0] * p0 + a[i, 2, 1] * p1 + a[i, 2, 2] * p2
+        size = np.sqrt(q0 * q0 + q1 * q1 + q2 * q2)
+        p[i, 0], p[i, 1], p[i, 2] = q0 / size, q1 / size, q2 / size

@@ -1,0 +1,79 @@
+"""Slip squeezes between two plates, driven through the integrator without files."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppmc.geometry.toolset import compile_tools
+from ppmc.scene.materials.transversely_isotropic import TransverselyIsotropic
+from ppmc.scene.solver import SolverSection
+from ppmc.scene.tooling import PlaneTool
+from ppmc.solver.implicit import ImplicitIntegrator, Model, StepReport
+from ppmc.solver.state import ParticleState
+from ppmc.solver.time_step import fit_to_times, proposed_step
+from ppmc.solver.tools import Walls
+
+from .blocks import lattice
+
+
+@dataclass
+class Squeeze:
+    """A finished squeeze of a block of unit spacing over one second."""
+
+    state: ParticleState
+    integrator: ImplicitIntegrator
+    reports: list[StepReport]
+
+    @property
+    def stretch(self) -> np.ndarray:
+        """Right stretch tensors U, shape (n, 3, 3), in the charge's order: free of rigid rotation."""
+        f = self.state.in_original_order(self.state.deformation_gradient)
+        values, vectors = np.linalg.eigh(np.swapaxes(f, 1, 2) @ f)
+        return np.einsum("nab,nb,ncb->nac", vectors, np.sqrt(values), vectors)
+
+    @property
+    def press_force(self) -> float:
+        """Force on the ram at the end, Pa mm^2."""
+        return float(self.reports[-1].tool_force[1, 2])
+
+
+def make_squeeze(
+    shape: tuple[int, int, int] = (8, 8, 6), ratio: float = 1.0, reduction: float = 0.5, angle: float = 0.0,
+    jitter: float = 0.0, directions: np.ndarray | None = None, bulk_ratio: float = 300.0, walls: tuple = (), **settings: object,
+) -> ImplicitIntegrator:  # fmt: skip
+    """Integrator of a block between slip plates; eta23 = 1 Pa s, ram at constant speed to `reduction` of the height."""
+    positions, height = lattice(shape, jitter), float(shape[2])
+    n = len(positions)
+    motion = {"velocity": (0, 0, -height * (1.0 - reduction))}
+    planes = {
+        "lower": PlaneTool(shape="plane", point=(0, 0, 0), normal=(0, 0, 1)),
+        "ram": PlaneTool(shape="plane", point=(0, 0, height), normal=(0, 0, -1), motion=motion),
+    }
+    for number, (point, normal) in enumerate(walls):
+        planes[f"wall{number}"] = PlaneTool(shape="plane", point=point, normal=normal)
+    tools = compile_tools(planes)
+    faces = Walls(tools, np.ones(3), np.zeros((len(tools), 3)))
+    section = SolverSection(end_time=1.0, **settings)
+    material = TransverselyIsotropic(shear_viscosity=1.0, anisotropy_ratio=ratio)
+    if directions is None:
+        a = np.radians(angle)
+        directions = np.tile([np.cos(a), np.sin(a), 0.0], (n, 1))
+    across = np.cross([0.0, 0.0, 1.0], directions)
+    state = ParticleState.at_rest(positions, np.ones(n), directions, across, faces.starting_half_widths(positions))
+    bulk = bulk_ratio * (ratio + 2.0) * (1.0 - reduction)
+    return ImplicitIntegrator(Model(section, material, faces, section.smoothing_ratio, bulk, 0.0), state)
+
+
+def squeeze(**options: object) -> Squeeze:
+    """Run :func:`make_squeeze` to the end."""
+    integrator = make_squeeze(**options)  # type: ignore[arg-type]
+    settings = integrator.model.settings
+    integrator.initialise(0.0, 1e-3)
+    time, step, reports = 0.0, np.inf, []
+    while time < 1.0 - 1e-12:
+        gradient = integrator.state.velocity_gradient
+        step = proposed_step(gradient, settings.max_strain_increment, settings.max_displacement, np.inf, step)
+        step = fit_to_times(time, step, 1.0)
+        reports.append(integrator.step(time, step))
+        time += step
+    return Squeeze(integrator.state, integrator, reports)

@@ -1,0 +1,96 @@
+"""The discrete operator: exact for linear fields, adjoint, conserving, and equal to its definition."""
+
+import numpy as np
+import pytest
+
+from ppmc.solver.gradient import velocity_gradient
+from ppmc.solver.viscosity import viscous_stress
+
+from .blocks import dense_matrix, lattice, make_operator, power_by_definition, unit_vectors
+
+
+@pytest.fixture(scope="module")
+def block() -> tuple:
+    positions = lattice((6, 5, 4), jitter=0.2)
+    return positions, make_operator(positions, unit_vectors(len(positions)))
+
+
+def test_linear_patch_is_exact_on_jittered_particles_with_free_surfaces(block):
+    positions, operator = block
+    gradient = np.array([[0.3, -1.2, 0.7], [0.1, 0.4, -0.9], [2.0, 0.6, -0.7]])
+    found = velocity_gradient(
+        operator.pairs, positions, operator.volumes, operator.inverse, positions @ gradient.T + 5.0
+    )
+    np.testing.assert_allclose(found, np.broadcast_to(gradient, found.shape), rtol=0, atol=1e-10)
+
+
+def test_power_and_gradient_equal_their_definition(block):
+    positions, operator = block
+    velocities = np.random.default_rng(3).normal(size=positions.shape)
+    power, gradients = power_by_definition(operator, velocities)
+    assert np.sum(velocities * operator.apply(velocities)) == pytest.approx(power, rel=1e-7)
+    found = velocity_gradient(operator.pairs, positions, operator.volumes, operator.inverse, velocities)
+    np.testing.assert_allclose(found, gradients, atol=1e-7)
+
+
+@pytest.mark.parametrize("directions", [0, 1, 3])
+def test_symmetric_positive_semidefinite_with_six_rigid_modes(directions):
+    positions = lattice((4, 4, 3), jitter=0.2)
+    p = np.concatenate([unit_vectors(len(positions), seed) for seed in range(3)], axis=1)[:, :directions]
+    matrix = dense_matrix(make_operator(positions, p))
+    scale = np.abs(matrix).max()
+    assert np.abs(matrix - matrix.T).max() < 1e-12 * scale
+    eigenvalues = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
+    assert eigenvalues.min() > -1e-10 * scale
+    # No zero-energy modes but the three translations and three rotations.
+    assert np.sum(eigenvalues < 1e-8 * scale) == 6
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1000.0, 61215.0])
+def test_momentum_angular_momentum_and_rigid_motion(ratio):
+    positions = lattice((6, 5, 4), jitter=0.2)
+    operator = make_operator(positions, unit_vectors(len(positions)), ratio=ratio)
+    velocities = np.random.default_rng(4).normal(size=positions.shape)
+    force = operator.apply(velocities)
+    scale = np.abs(force).sum()
+    assert np.abs(force.sum(axis=0)).max() < 1e-12 * scale
+    assert np.abs(np.cross(positions, force).sum(axis=0)).max() < 1e-11 * scale
+    spin = np.cross(np.array([0.3, -0.8, 0.5]), positions) + np.array([1.0, 2.0, 3.0])
+    assert np.abs(operator.apply(spin)).max() < 1e-10 * np.abs(force).max()
+
+
+def test_force_is_the_adjoint_of_the_gradient(block):
+    positions, operator = block
+    rng = np.random.default_rng(5)
+    pressure = rng.normal(size=len(positions))
+    velocities = rng.normal(size=positions.shape)
+    gradient = velocity_gradient(operator.pairs, positions, operator.volumes, operator.inverse, velocities)
+    work = np.sum(operator.volumes * pressure * np.einsum("nii->n", gradient))
+    assert np.sum(operator.pressure_force(pressure) * velocities) == pytest.approx(work, rel=1e-12)
+
+
+def test_linear_field_dissipates_the_material_power_only(block):
+    # The zero-energy control does not see linear fields.
+    positions, operator = block
+    gradient = np.array([[0.3, -1.2, 0.7], [0.1, 0.4, -0.9], [2.0, 0.6, -0.2]])
+    velocities = positions @ gradient.T
+    rate = np.broadcast_to(0.5 * (gradient + gradient.T), (len(positions), 3, 3))
+    stress = viscous_stress(rate, operator.shear, operator.fibre, operator.directions)
+    power = np.sum(rate * stress) + np.sum(operator.bulk) * np.trace(gradient) ** 2
+    assert np.sum(velocities * operator.apply(velocities)) == pytest.approx(power, rel=1e-10)
+
+
+def test_diagonal_blocks(block):
+    _, operator = block
+    isotropic = make_operator(operator.positions, np.empty((len(operator.positions), 0, 3)), bulk=0.0)
+    exact = dense_matrix(isotropic)
+    blocks = isotropic.diagonal()
+    for i in (0, 33, 119):
+        np.testing.assert_allclose(blocks[i], exact[3 * i : 3 * i + 3, 3 * i : 3 * i + 3], rtol=1e-10, atol=1e-10)
+    # With directions the blocks are an estimate: same size, positive definite.
+    exact = dense_matrix(operator)
+    blocks = operator.diagonal()
+    for i in (0, 33, 119):
+        block = exact[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
+        assert 0.7 < np.trace(blocks[i]) / np.trace(block) < 1.4
+        assert np.linalg.eigvalsh(blocks[i]).min() > 0.0
