@@ -21,6 +21,7 @@ import numpy as np
 
 SECONDS_A_PICTURE = 60.0
 SECONDS_TO_START = 60.0
+EGL = "vtkEGLRenderWindow"
 
 
 @dataclass(frozen=True)
@@ -103,6 +104,9 @@ def render(views: Sequence[PointsView], environment: Mapping[str, str] | None = 
         jobs = [_store(view, Path(folder), k) for k, view in enumerate(views)]
         (Path(folder) / "jobs.json").write_text(json.dumps(jobs))
         reason = _run(Path(folder), len(views), dict(environment or {}))
+        if reason is not None and os.environ.get("DISPLAY") and not environment:
+            # A display that cannot draw (a dead forward, no GLX) is worth one more try without it.
+            reason = _run(Path(folder), len(views), {"DISPLAY": "", "VTK_DEFAULT_OPENGL_WINDOW": EGL})
         images = [_read(Path(folder) / f"{k}.png") for k in range(len(views))]
     if reason is None and any(image is None for image in images):
         reason = "the drawing process left pictures out"
@@ -120,7 +124,7 @@ def drawing_environment() -> dict[str, str]:
     """Return the environment for VTK: its EGL window where there is no display (the X11 one crashes without libX11)."""
     environment = dict(os.environ)
     if not environment.get("DISPLAY"):
-        environment.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+        environment.setdefault("VTK_DEFAULT_OPENGL_WINDOW", EGL)
     return environment
 
 
