@@ -4,6 +4,10 @@ Each particle may touch up to three tool faces at once. The gap to a face is the
 own deformed half-width, :math:`g = \phi(x) - w\sqrt{n\cdot F F^T n}`, and the velocity must satisfy :math:`n\cdot(v -
 v_{tool}) \ge -g/\Delta t`. The directions of active constraints are projected out of the velocity solve; the residual
 in them is the reaction. Reactions that pull release a constraint, violated ones are added.
+
+The tool acts on the particle's surface, not on its centre: the gap depends on the velocity gradient through F, so its
+gradient holds a dipole besides the force on the centre, the stress :math:`-\lambda\,w|F^Tn|\,n\otimes n`. Without it
+the wall layer counts in full although its centres lie half a layer inside, and forces come out too high by h/(h - 2w).
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -29,6 +33,8 @@ class Contacts:
         Tool of each face, -1 for none.
     normal : ndarray, shape (n, 3, 3)
         Unit normals out of the tool, normal[i, k] belongs to tool[i, k].
+    half_width : ndarray, shape (n, 3)
+        Deformed half-width of the particle along the normal, mm.
     gap : ndarray, shape (n, 3)
         Distance that the particle may approach, mm.
     wall_velocity : ndarray, shape (n, 3, 3)
@@ -40,6 +46,7 @@ class Contacts:
 
     tool: np.ndarray
     normal: np.ndarray
+    half_width: np.ndarray
     gap: np.ndarray
     wall_velocity: np.ndarray
     sticks: np.ndarray
@@ -65,6 +72,12 @@ class Contacts:
         pressing, forces = np.zeros((len(force), FACES)), np.zeros((len(force), FACES, 3))
         _split_reactions(self.active, self.normal, self.sticks, force, pressing, forces)
         return pressing, forces
+
+    def wall_stress(self, forces: np.ndarray) -> np.ndarray:
+        """Return the dipoles of face forces (n, 3, 3): force times half-width along the normal, symmetric, Pa mm^3."""
+        arms = self.half_width[..., None] * self.normal
+        dipole = np.einsum("nka,nkb->nab", np.where(self.active[..., None], forces, 0.0), arms)
+        return 0.5 * (dipole + np.swapaxes(dipole, 1, 2))
 
     def violations(self, velocities: np.ndarray, time_step: float) -> np.ndarray:
         """Penetration of inactive faces at the end of the step, shape (n, 3), mm; zero where there is none."""

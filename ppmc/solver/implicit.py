@@ -172,12 +172,14 @@ class ImplicitIntegrator:
     def _active_set(self, operator: Operator, contacts: Contacts, dt: float, report: StepReport) -> Solution:
         state, model = self.state, self.model
         mass = (model.density / dt) * state.volume[:, None]
-        right_side = mass * state.velocity - operator.pressure_force(model.bulk_modulus * (state.volume_ratio - 1.0))
+        pressure = model.bulk_modulus * state.volume * (state.volume_ratio - 1.0)
+        load = mass * state.velocity - operator.stress_force(pressure[:, None, None] * np.eye(3))
         blocks = operator.diagonal() + mass[:, :, None] * np.eye(3)
         velocities = state.velocity
         last = model.settings.contact_passes - 1
         for attempt in range(last + 1):
             drag, drag_load = self._friction(contacts)
+            right_side = load - operator.stress_force(state.wall_stress)
             free, held = contacts.constrain(dt)
 
             def apply(v: np.ndarray, drag: np.ndarray | None = drag) -> np.ndarray:
@@ -201,7 +203,8 @@ class ImplicitIntegrator:
             report.passes += 1
             report.estimated_error = solution.estimated_error
             report.unconverged += not solution.converged
-            pressing, _ = contacts.reactions(-solution.residual)
+            pressing, forces = contacts.reactions(-solution.residual)
+            state.wall_stress = 0.5 * (state.wall_stress + contacts.wall_stress(forces))
             positive = pressing[pressing > 0.0]
             limit = RELEASE * float(positive.mean()) if len(positive) else 0.0
             added = contacts.violations(velocities, dt) > 1e-3 * model.spacing

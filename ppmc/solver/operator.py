@@ -83,13 +83,18 @@ class Operator:
         )  # fmt: skip
         return out
 
-    def pressure_force(self, pressure: np.ndarray) -> np.ndarray:
-        """Return B^T V p I, shape (n, 3), Pa mm^2: the force opposed by an isotropic stress `pressure` (n,), Pa."""
+    def stress_force(self, stress: np.ndarray) -> np.ndarray:
+        """Return B^T S, shape (n, 3), Pa mm^2: the force opposed by given particle stresses.
+
+        Parameters
+        ----------
+        stress : ndarray, shape (n, 3, 3)
+            S_i = V_i sigma_i, symmetric, Pa mm^3.
+        """
+        traction = stress @ self.inverse
         out = np.empty_like(self.positions)
         p = self.pairs
-        _pressure_sweep(
-            p.start, p.count, p.index, p.weight, self.positions, self.volumes, self.inverse, self.first, pressure, out
-        )
+        _traction_sweep(p.start, p.count, p.index, p.weight, self.positions, self.volumes, self.first, traction, out)
         return out
 
     def diagonal(self) -> np.ndarray:
@@ -270,23 +275,22 @@ def _force_sweep(start, count, index, weight, x, volume, p, control, v, gradient
 
 
 @njit(cache=True, parallel=True)
-def _pressure_sweep(start, count, index, weight, x, volume, inverse, first, pressure, out):
+def _traction_sweep(start, count, index, weight, x, volume, first, traction, out):
     for i in prange(x.shape[0]):
         f0, f1, f2 = 0.0, 0.0, 0.0
         for slot in range(start[i], start[i] + count[i]):
             j = index[slot]
-            s = volume[j] * pressure[j] * weight[slot]
-            d0, d1, d2 = s * (x[i, 0] - x[j, 0]), s * (x[i, 1] - x[j, 1]), s * (x[i, 2] - x[j, 2])
-            m = inverse[j]
-            f0 += m[0, 0] * d0 + m[0, 1] * d1 + m[0, 2] * d2
-            f1 += m[1, 0] * d0 + m[1, 1] * d1 + m[1, 2] * d2
-            f2 += m[2, 0] * d0 + m[2, 1] * d1 + m[2, 2] * d2
-        m = inverse[i]
-        s = volume[i] * pressure[i]
-        b0, b1, b2 = s * first[i, 0], s * first[i, 1], s * first[i, 2]
-        out[i, 0] = volume[i] * f0 - (m[0, 0] * b0 + m[0, 1] * b1 + m[0, 2] * b2)
-        out[i, 1] = volume[i] * f1 - (m[1, 0] * b0 + m[1, 1] * b1 + m[1, 2] * b2)
-        out[i, 2] = volume[i] * f2 - (m[2, 0] * b0 + m[2, 1] * b1 + m[2, 2] * b2)
+            w = weight[slot]
+            d0, d1, d2 = w * (x[i, 0] - x[j, 0]), w * (x[i, 1] - x[j, 1]), w * (x[i, 2] - x[j, 2])
+            t = traction[j]
+            f0 += t[0, 0] * d0 + t[0, 1] * d1 + t[0, 2] * d2
+            f1 += t[1, 0] * d0 + t[1, 1] * d1 + t[1, 2] * d2
+            f2 += t[2, 0] * d0 + t[2, 1] * d1 + t[2, 2] * d2
+        t = traction[i]
+        b0, b1, b2 = first[i, 0], first[i, 1], first[i, 2]
+        out[i, 0] = volume[i] * f0 - (t[0, 0] * b0 + t[0, 1] * b1 + t[0, 2] * b2)
+        out[i, 1] = volume[i] * f1 - (t[1, 0] * b0 + t[1, 1] * b1 + t[1, 2] * b2)
+        out[i, 2] = volume[i] * f2 - (t[2, 0] * b0 + t[2, 1] * b1 + t[2, 2] * b2)
 
 
 @njit(cache=True)

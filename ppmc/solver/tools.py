@@ -71,16 +71,18 @@ class Walls:
         _, tool, phi, normal = find_contacts(self.tools.arrays, before, state.position, reach)
         tool, phi, normal = tool[:, :FACES].astype(np.int32), phi[:, :FACES], np.ascontiguousarray(normal[:, :FACES])
         near = np.maximum(tool, 0)
-        gap = np.full(phi.shape, np.inf)
+        gap, width = np.full(phi.shape, np.inf), np.zeros(phi.shape)
         predicted = state.deformation_gradient + time_step * state.velocity_gradient @ state.deformation_gradient
         rows = np.arange(len(state))
         for k in range(FACES):
             on = tool[:, k] >= 0
             reference = state.half_width[rows[on], near[on, k]]
-            gap[on, k] = phi[on, k] - half_widths(reference, predicted[on], normal[on, k])
+            width[on, k] = half_widths(reference, predicted[on], normal[on, k])
+            gap[on, k] = phi[on, k] - width[on, k]
         return Contacts(
             tool=tool,
             normal=normal,
+            half_width=width,
             gap=gap,
             wall_velocity=np.ascontiguousarray(wall[near]),
             sticks=(tool >= 0) & (self.tools.arrays.wall[near] == NO_SLIP),

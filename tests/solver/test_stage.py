@@ -37,7 +37,11 @@ def scene_text(material: str = NEWTONIAN, end: float = 1.0, height: float = 6.0)
 def write_charge(path: Path, shape: tuple[int, int, int]) -> Path:
     positions = lattice(shape)
     n = len(positions)
-    frame = {"fibre_direction": [0.6, 0.8, 0.0], "in_plane_direction": [-0.8, 0.6, 0.0], "platelet_normal": [0.0, 0.0, 1.0]}
+    frame = {
+        "fibre_direction": [0.6, 0.8, 0.0],
+        "in_plane_direction": [-0.8, 0.6, 0.0],
+        "platelet_normal": [0.0, 0.0, 1.0],
+    }
     fields = {name: np.tile(vector, (n, 1)) for name, vector in frame.items()}
     fields |= {"volume": np.ones(n), "platelet_id": np.zeros(n, dtype=np.int64)}
     write_particles(
@@ -55,7 +59,17 @@ def test_isotropic_squeeze_through_the_command_line(tmp_path: Path):
     charge = write_charge(tmp_path / "charge.vtkhdf", (10, 10, 6))
     (tmp_path / "scene.yaml").write_text(scene_text())
     flow = tmp_path / "flow.vtkhdf"
-    command = [sys.executable, "-m", "ppmc.cli", "solve", str(tmp_path / "scene.yaml"), "--input", str(charge), "--output", str(flow)]
+    command = [
+        sys.executable,
+        "-m",
+        "ppmc.cli",
+        "solve",
+        str(tmp_path / "scene.yaml"),
+        "--input",
+        str(charge),
+        "--output",
+        str(flow),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "ETA" in done.stderr
@@ -78,7 +92,9 @@ def test_isotropic_squeeze_through_the_command_line(tmp_path: Path):
     assert len((tmp_path / "flow.steps.csv").read_text().splitlines()) == len(np.unique(series.history["time"])) + 1
 
 
-def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(tmp_path: Path, charge: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(
+    tmp_path: Path, charge: Path, monkeypatch: pytest.MonkeyPatch
+):
     scene = parse_scene(scene_text(FIBRES, end=0.5))
     unbroken = run(scene, input=charge, output=tmp_path / "unbroken.vtkhdf")
     broken = tmp_path / "broken.vtkhdf"
@@ -114,7 +130,9 @@ def test_wall_clock_limit_stops_with_a_checkpoint(tmp_path: Path, charge: Path):
         run(scene, input=charge, output=tmp_path / "flow.vtkhdf", max_walltime=0.5)
 
 
-def test_values_that_are_not_finite_stop_the_run_with_a_dump(tmp_path: Path, charge: Path, monkeypatch: pytest.MonkeyPatch):
+def test_values_that_are_not_finite_stop_the_run_with_a_dump(
+    tmp_path: Path, charge: Path, monkeypatch: pytest.MonkeyPatch
+):
     step = Simulation._step
 
     def poisoned_step(self: Simulation, target: float) -> None:
