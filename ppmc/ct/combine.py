@@ -2,7 +2,8 @@
 
 p is the direction of least gradient in its own small window. Next to an interface that window also sees the
 neighbouring platelet; so windows displaced along the normal compete, and the one whose least eigenvalue is smallest,
-the one least disturbed by another direction, wins. r comes from a larger window and is made orthogonal to p.
+the one least disturbed by another direction, wins. r comes from a larger window; a doubtful p is kept in the plane
+orthogonal to it, and in the end r is made orthogonal to p.
 """
 
 # Kernels take arrays and scalars only; numba infers their types.
@@ -18,6 +19,9 @@ from ppmc.ct.eigen import smallest_row, solve_row
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 ROUNDING = np.float32(1e-4)
 """Share of the largest eigenvalue below which differences of eigenvalues mean nothing in float32."""
+FLATNESS = np.float32(10.0)
+"""Penalty on p leaving the plane of r, in units of the least eigenvalue: nothing where p is certain, decisive where
+two platelets mix (at 10 the mean tensors of the phantom err by less than half of what they do without)."""
 PARALLEL = np.float32(0.05)
 """Sine below which a normal is too close to p to be made orthogonal to it; the small window's normal serves then."""
 
@@ -76,6 +80,20 @@ def _keep_better(score, best_score, tensor, best):
             best_score[i] = score[i]
             for c in range(6):
                 best[c, i] = tensor[c, i]
+
+
+@njit(nogil=True, fastmath={"contract"})
+def _press_flat_row(tensor, least, normal):
+    """Add to each tensor along r what is left of it along p: a doubtful p is kept in the platelet's plane."""
+    for i in range(tensor.shape[1]):
+        x, y, z = normal[0, i], normal[1, i], normal[2, i]
+        press = FLATNESS * max(least[i], ZERO)
+        tensor[0, i] += press * x * x
+        tensor[1, i] += press * y * y
+        tensor[2, i] += press * z * z
+        tensor[3, i] += press * x * y
+        tensor[4, i] += press * y * z
+        tensor[5, i] += press * x * z
 
 
 @njit(nogil=True)
@@ -177,14 +195,17 @@ def orient_block(tensors, corner, step, inverse_h, side_steps, coarse, voxel, st
                 solve_row(other, large)
             elif side_steps > 0:
                 solve_row(best, large)
-            if side_steps > 0:
+            if two_scales or side_steps > 0:
                 smallest_row(best, best_score)
+            if side_steps > 0:
                 for away in range(1, side_steps + 1):
                     for side in (-1, 1):
                         move = np.float32(side * away)
                         _gather_row(tensors, z, y, corner[0], step, large[6:], inverse_h, move, other)
                         smallest_row(other, score)
                         _keep_better(score, best_score, other, best)
+            if two_scales:
+                _press_flat_row(best, best_score, large[6:])
             solve_row(best, small)
             if not two_scales and side_steps == 0:
                 large[:, :] = small

@@ -128,9 +128,9 @@ class Layup:
 
     def _ply_angle(self, index: int, rng: np.random.Generator) -> float:
         angles = self.section.angles
-        return float(
-            np.radians(angles[(index - self.below) % len(angles)] + self.section.angle_spread * rng.standard_normal())
-        )  # type: ignore[operator]
+        assert not isinstance(angles, str)
+        angle = angles[(index - self.below) % len(angles)]
+        return float(np.radians(angle + self.section.angle_spread * rng.standard_normal()))
 
     def _record(self, rng: np.random.Generator, centre: tuple[float, float], angle: float) -> NDArray[np.float64]:
         shape = self.section.platelet

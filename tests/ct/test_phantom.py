@@ -109,3 +109,32 @@ def test_grey_types(dtype, middle):
 def test_scenes_that_cannot_be(section, message):
     with pytest.raises(ValidationError, match=message):
         PhantomSection(**{**SMALL, **section})
+
+
+@pytest.mark.parametrize(
+    ("seed", "section"),
+    [
+        (1, {}),
+        (2, {"waviness": 4.0, "tilt": (4, -3)}),
+        (3, {"angles": [0, 60], "angle_spread": 10.0, "noise": 0.6}),
+        (4, {"platelet": {"length": 6, "width": 3, "thickness": 0.4}}),
+        (5, {"voxel_size": 0.08, "platelet": {"length": 5, "width": 3, "thickness": 1.0}}),
+        (6, {"noise": 1.0}),
+        (7, {"platelet": {"length": 4, "width": 2, "thickness": 0.6}}),
+    ],
+)
+def test_default_windows_recover_the_tensors(solve, seed, section):
+    """Each component of the mean A and N within 0.03 of the truth in the interior, nothing tuned to a case."""
+    phantom, fields = made(
+        seed, **{"cavity": (12, 10, 4.2), "platelet": {"length": 8, "width": 4, "thickness": 0.6}, **section}
+    )
+    thickness = phantom.section.platelet.thickness
+    result = solve(fields["grey"], spacing=phantom.section.spacing, thickness=thickness)
+    inner = np.s_[6:-6, 6:-6, 6:-6]
+    true = fields["platelet_id"][inner] >= 0
+    found = result["valid"][inner] > 0
+    for name in ("fibre_direction", "platelet_normal"):
+        got = result[name][inner][found].astype(float)
+        want = fields[name][inner][true].astype(float)
+        difference = got.T @ got / len(got) - want.T @ want / len(want)
+        assert np.max(np.abs(difference)) < 0.03, (name, difference.round(3))
