@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ppmc.analysis.local import nearest_normals
 from ppmc.analysis.paths import AXIS_NAMES, InspectionPath, circle_path, line_path, straight_path, swept_path
 from ppmc.analysis.regions import Region, box, cylinder, everything, frame_about, sphere
 from ppmc.analysis.sources import Source
 
 if TYPE_CHECKING:
+    from ppmc.scene import Scene
     from ppmc.scene.analysis import AnalysisSection, CirclePath, LinePath, RegionSection, StraightPath, SweptPath
 
 
@@ -73,6 +75,29 @@ def build_path(
             name, along, sweep, section.length, section.width, section.centre, start, stop, section.points
         )
     return line_path(name, section.points, section.radius, section.steps, section.up)
+
+
+def tool_normals(scene: Scene, points: np.ndarray, time: float) -> np.ndarray | None:
+    """Return the normal of the nearest tool at each point, shape (n, 3); None if the scene has no tools.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its section ``tooling`` names the tools.
+    points : ndarray, shape (n, 3)
+        mm; NaN rows give NaN normals.
+    time : float
+        s; tools stand where they are then.
+    """
+    if not scene.tooling:
+        return None
+    from ppmc.geometry.toolset import compile_tools
+
+    out = np.full(points.shape, np.nan)
+    known = np.isfinite(points).all(axis=1)
+    if known.any():
+        out[known] = nearest_normals(*compile_tools(scene.tooling, scene.directory).distances(points[known], time))
+    return out
 
 
 def extent(sources: Sequence[Source]) -> tuple[np.ndarray, np.ndarray]:

@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ppmc.analysis.build import build_path, build_regions
+from ppmc.analysis.build import build_path, build_regions, tool_normals
 from ppmc.analysis.compare import compare_with_truth
 from ppmc.analysis.kinematics import Kinematics, kinematics
+from ppmc.analysis.local import localise, material_normals
+from ppmc.analysis.paths import AXIS_NAMES
 from ppmc.analysis.pictures import draw_curves, draw_views
 from ppmc.analysis.regions import Region
 from ppmc.analysis.report import InputFile, Picture, flat_summary, write_report
@@ -38,6 +41,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from ppmc.scene import Scene
+    from ppmc.scene.analysis import AnalysisSection
 
 KINDS = ("flow", "charge", "orientations")
 
@@ -89,7 +93,7 @@ def run(
     with ExitStack() as stack, Progress("analysis", total=6, unit="parts") as bar:
         opened = _open(stack, product, input, volume, orientations, charge)
         bar.update(1, "sources")
-        results = _average(section, product, opened)
+        results = _average(scene, section, product, opened)
         bar.update(2, "averages")
         if "volume" in opened and "orientations" in opened:
             results.truth = compare_with_truth(
@@ -178,7 +182,7 @@ def _sources(opened: dict[str, Any], every_frame: bool, notes: list[str]) -> lis
     return sources
 
 
-def _average(section: Any, product: str, opened: dict[str, Any]) -> Results:
+def _average(scene: Scene, section: AnalysisSection, product: str, opened: dict[str, Any]) -> Results:
     """Average every source over every region and path."""
     notes: list[str] = []
     sources = _sources(opened, section.frames == "all", notes)
@@ -198,11 +202,34 @@ def _average(section: Any, product: str, opened: dict[str, Any]) -> Results:
             at += len(path)
         analysed.append(Analysed(source, averages[: len(regions)], tuple(parts)))
     results = Results(regions, paths, analysed, product, notes=notes)
+    _add_local_paths(scene, section, results)
     for k, region in enumerate(regions):
         empty = [e.source.title for e in results.shown if e.source.count and not e.regions.particle_count[k]]
         if empty:
             notes.append(f"Region '{region.name}' ({region.describe()}) holds no point of: {'; '.join(empty)}.")
     return results
+
+
+def _add_local_paths(scene: Scene, section: AnalysisSection, results: Results) -> None:
+    """Show swept paths in local axes too, with the normal of the tool nearest to the material of each region (D6)."""
+    if not results.shown:
+        return
+    last = results.shown[-1]
+    for k, path in enumerate(results.paths):
+        spec = section.every_path[path.name]
+        if spec.kind != "swept" or not spec.local:
+            continue
+        axial = np.eye(3)[AXIS_NAMES.index(spec.along)]
+        normals, origin = tool_normals(scene, last.paths[k].centroid, last.source.time or 0.0), "the nearest tool"
+        if normals is None:
+            third = 3 - AXIS_NAMES.index(spec.along) - AXIS_NAMES.index(spec.sweep)
+            normals, origin = (
+                material_normals(last.paths[k].normal_tensor, np.eye(3)[third]),
+                "the platelets, as no tool is known",
+            )
+        local = localise(path, normals, axial, origin)
+        results.paths = (*results.paths, local)
+        results.analysed = [replace(e, paths=(*e.paths, e.paths[k])) for e in results.analysed]
 
 
 def _truth_sources(opened: dict[str, Any]) -> list[tuple[str, str, Source, bool]]:

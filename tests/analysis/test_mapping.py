@@ -1,0 +1,96 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ppmc.analysis.mapping import abaqus_distribution, map_to_elements
+from ppmc.analysis.samples import Samples
+from ppmc.analysis.stiffness import Lamina, averaged_stiffness, engineering_moduli, stiffness_matrix
+from ppmc.errors import InputFileError
+from ppmc.orientation import normalise, orientation_tensor, orientation_tensor4
+
+RNG = np.random.default_rng(6)
+LAMINA = Lamina(140e9, 9e9, 0.3, 0.4, 5e9)
+
+
+def cloud(n: int = 4000) -> Samples:
+    x = RNG.uniform(0, [10, 6, 3], (n, 3))
+    p = normalise(RNG.normal(size=(n, 3)))
+    r = normalise(np.cross(p, RNG.normal(size=(n, 3))))
+    return Samples("s", x, RNG.uniform(0.5, 1.5, n), p, r)
+
+
+def centres() -> np.ndarray:
+    return np.stack(np.meshgrid(np.arange(0.5, 10), np.arange(0.5, 6), np.arange(0.5, 3), indexing="ij"), -1).reshape(
+        -1, 3
+    )
+
+
+def test_nearest_takes_the_nearest_in_any_number_of_parts() -> None:
+    s, c = cloud(), centres()
+    mapped = map_to_elements(c, [s.select(np.arange(k, 4000, 3)) for k in range(3)])
+    nearest = np.argmin(((c[:, None] - s.positions[None]) ** 2).sum(-1), axis=1)
+    assert s.fibre_direction is not None
+    assert np.array_equal(mapped.fibre_direction, s.fibre_direction[nearest])
+    assert np.allclose(mapped.distance, np.linalg.norm(c - s.positions[nearest], axis=1))
+    axes = np.stack([mapped.fibre_direction, mapped.in_plane_direction, mapped.platelet_normal], 1)
+    assert np.abs(np.einsum("mij,mkj->mik", axes, axes) - np.eye(3)).max() < 1e-12
+    assert np.allclose(np.linalg.det(axes), 1)
+
+
+def test_average_conserves_volume_and_the_whole_tensor() -> None:
+    s, c = cloud(), centres()
+    mapped = map_to_elements(c, [s.select(np.arange(k, 4000, 2)) for k in range(2)], "average")
+    assert mapped.material_volume.sum() == pytest.approx(s.volume.sum(), rel=1e-12)
+    assert mapped.particle_count.sum() == len(s)
+    whole = np.einsum("m,mij->ij", mapped.material_volume, mapped.fibre_tensor) / mapped.material_volume.sum()
+    assert np.allclose(whole, orientation_tensor(s.fibre_direction, s.volume), atol=1e-12)
+    assert np.allclose(np.trace(mapped.normal_tensor, axis1=1, axis2=2), 1)
+
+
+def test_elements_without_particles_take_the_nearest_and_say_so() -> None:
+    s = cloud(50)
+    far = np.array([[100.0, 0, 0], [5, 3, 1.5]])
+    mapped = map_to_elements(far, [s], "average")
+    assert mapped.particle_count[0] == 0 and mapped.distance[0] > 80 and np.isfinite(mapped.fibre_direction[0]).all()
+
+
+def test_missing_normals_stay_unknown() -> None:
+    s = cloud(100)
+    bare = Samples("s", s.positions, s.volume, s.fibre_direction)
+    for method in ("nearest", "average"):
+        mapped = map_to_elements(centres(), [bare], method)  # type: ignore[arg-type]
+        assert np.isnan(mapped.platelet_normal).all() and np.isfinite(mapped.fibre_tensor).all()
+
+
+def test_nothing_to_map_is_an_error() -> None:
+    with pytest.raises(InputFileError):
+        map_to_elements(centres(), [])
+
+
+def test_abaqus_lines() -> None:
+    mapped = map_to_elements(centres()[:3], [cloud()])
+    lines = abaqus_distribution(mapped, np.array([11, 12, 13])).splitlines()
+    assert lines[0].startswith("*DISTRIBUTION TABLE") and lines[4].startswith("11, ")
+    assert len(lines) == 4 + 3 + 3
+    assert len(lines[5].split(",")) == 7
+
+
+def test_averaged_stiffness_is_the_average_of_turned_stiffnesses() -> None:
+    p = normalise(RNG.normal(size=(400, 3)))
+    A, A4 = orientation_tensor(p), orientation_tensor4(p)
+    C1 = averaged_stiffness(np.diag([1.0, 0, 0]), np.einsum("i,j,k,l->ijkl", *([np.array([1.0, 0, 0])] * 4)), LAMINA)
+    assert np.allclose(stiffness_matrix(C1), LAMINA.stiffness(), rtol=1e-12)
+    total = np.zeros((3, 3, 3, 3))
+    for v in p:
+        u = normalise(np.cross(v, [0.3, 0.5, 0.8]))
+        R = np.stack([v, u, np.cross(v, u)], axis=1)
+        total += np.einsum("ia,jb,kc,ld,abcd->ijkl", R, R, R, R, C1, optimize=True) / len(p)
+    assert np.abs(averaged_stiffness(A, A4, LAMINA) - total).max() < 1e-9 * np.abs(total).max()
+
+
+def test_moduli_of_the_aligned_lamina_are_its_constants() -> None:
+    moduli = engineering_moduli(LAMINA.stiffness())
+    assert np.allclose(moduli, [140e9, 9e9, 9e9, 5e9, 9e9 / 2.8, 5e9])
+    with pytest.raises(ValueError, match="stable"):
+        Lamina(1e9, 1e9, 0.3, 1.2, 1e9).stiffness()
