@@ -1,0 +1,152 @@
+"""Checks before a run: tools that pass through each other, a charge that starts inside a tool."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ppmc.errors import SceneError
+from ppmc.geometry.distance import as_points, signed_distances
+from ppmc.geometry.packed import PLANE
+from ppmc.geometry.toolset import ToolSet
+
+FloatArray = NDArray[np.float64]
+
+OPPOSED = -0.9
+SAMPLES_ALONG = 12
+INSTANTS = 4
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Smallest distance between two tools that face each other.
+
+    Attributes
+    ----------
+    first, second : str
+        Names of the tools.
+    gap : float
+        Distance between the faces, mm; negative where they have passed through each other.
+    time : float
+        When, s.
+    point : ndarray, shape (3,)
+        Where, mm.
+    """
+
+    first: str
+    second: str
+    gap: float
+    time: float
+    point: FloatArray
+
+
+def tool_gaps(tools: ToolSet, low: ArrayLike, high: ArrayLike, end_time: float) -> list[Gap]:
+    """Return the smallest gap, over the stroke, of each pair of tools that face each other in a box.
+
+    At a sample point the two distances add up to the gap wherever the normals are opposed, whichever tool the point
+    is in. Tools whose walls meet at an angle may overlap outside the cavity and often must; they are no pair here.
+    Pairs that do not move towards or past each other are left out unless both are planes.
+
+    Parameters
+    ----------
+    tools : ToolSet
+        The tools; those under force stay where they are drawn.
+    low, high : array_like, shape (3,)
+        The box in which material will be, mm.
+    end_time : float
+        End of the run, s.
+    """
+    axes = [np.linspace(a, b, SAMPLES_ALONG) for a, b in zip(np.asarray(low), np.asarray(high), strict=True)]
+    points = np.ascontiguousarray(np.array(np.meshgrid(*axes, indexing="ij")).reshape(3, -1).T, dtype=float)
+    smallest: dict[tuple[int, int], Gap] = {}
+    planes = tools.arrays.kind == PLANE
+    for time in _instants(tools, end_time):
+        phi, normals = signed_distances(tools.arrays, tools.offsets(time), points)
+        for i in range(len(tools)):
+            for j in range(i + 1, len(tools)):
+                if not (planes[i] and planes[j]) and not _approach(tools, i, j, end_time):
+                    continue
+                facing = np.einsum("nc,nc->n", normals[i], normals[j]) < OPPOSED
+                if not facing.any():
+                    continue
+                total = np.where(facing, phi[i] + phi[j], math.inf)
+                where = int(np.argmin(total))
+                known = smallest.get((i, j))
+                if known is None or total[where] < known.gap:
+                    gap = Gap(tools.names[i], tools.names[j], float(total[where]), time, points[where])
+                    smallest[i, j] = gap
+    return list(smallest.values())
+
+
+def check_tools_apart(tools: ToolSet, low: ArrayLike, high: ArrayLike, end_time: float, least: float = 0.0) -> None:
+    """Refuse tools that leave less than `least` (mm) between them at the start or at any time up to `end_time`.
+
+    Raises
+    ------
+    SceneError
+        Naming the pair, the time and the gap.
+    """
+    for pair in tool_gaps(tools, low, high, end_time):
+        if pair.gap > least + 1e-9:
+            continue
+        where = ", ".join(f"{v:.4g}" for v in pair.point)
+        state = f"overlap by {-pair.gap:.4g} mm" if pair.gap < -1e-9 else f"leave a gap of {max(pair.gap, 0.0):.4g} mm"
+        fix = "move one of them" if pair.time == 0.0 else "shorten `travel`, the table or `solver.end_time`"
+        raise SceneError(
+            f"tooling: '{pair.first}' and '{pair.second}' {state} at t = {pair.time:.4g} s near ({where}) mm; {fix}"
+        )
+
+
+def check_charge_clear(tools: ToolSet, points: ArrayLike, tolerance: float = 1e-6) -> None:
+    """Refuse particles whose centres lie inside a tool in the drawn position.
+
+    Parameters
+    ----------
+    tools : ToolSet
+        The tools.
+    points : array_like, shape (n, 3)
+        Particle centres, mm.
+    tolerance : float
+        Depth that is let pass, mm.
+
+    Raises
+    ------
+    SceneError
+        Naming each tool, how many particles are in it and how deep.
+    """
+    phi, _ = tools.distances(as_points(points))
+    faults = []
+    for name, distance in zip(tools.names, phi, strict=True):
+        inside = distance < -tolerance
+        if inside.any():
+            worst = int(np.argmin(distance))
+            where = ", ".join(f"{v:.4g}" for v in np.asarray(points)[worst])
+            faults.append(
+                f"{int(inside.sum()):,} of {len(distance):,} particles are inside '{name}', "
+                f"the deepest by {-distance[worst]:.4g} mm at ({where}) mm"
+            )
+    if faults:
+        raise SceneError(
+            "tooling: the charge starts inside a tool: " + "; ".join(faults) + "; move the charge or the tool"
+        )
+
+
+def _instants(tools: ToolSet, end_time: float) -> list[float]:
+    """Return the times to look at: start, end, each change of a motion, and some between."""
+    knots = [0.0]
+    while (later := tools.next_break(knots[-1])) < end_time:
+        knots.append(later)
+    knots.append(end_time)
+    between = [np.linspace(a, b, INSTANTS + 1)[:-1] for a, b in pairwise(knots) if b > a]
+    return [float(t) for t in np.concatenate([*between, [end_time]])]
+
+
+def _approach(tools: ToolSet, i: int, j: int, end_time: float) -> bool:
+    """Tell whether two tools ever move relative to each other."""
+    paths = np.array([tools.offsets(t)[[i, j]] for t in _instants(tools, end_time)])
+    relative = paths[:, 0] - paths[:, 1]
+    return bool(np.ptp(relative, axis=0).max() > 0.0)
