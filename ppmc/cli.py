@@ -1,4 +1,7 @@
-"""The ``ppmc`` command: stages mounted lazily, errors as one message with their exit code."""
+"""The ``ppmc`` command: the stages' commands under one name, errors as one message with their exit code.
+
+The stages' command modules are light; each imports its stage only when it runs.
+"""
 
 from __future__ import annotations
 
@@ -12,34 +15,45 @@ from typing import Annotated, Any
 from cyclopts import App, CycloptsError, Parameter
 
 from ppmc import __version__
+from ppmc.analysis.cli import analyze
+from ppmc.charge.cli import charge
+from ppmc.command import command
+from ppmc.ct.cli import ct, phantom
 from ppmc.errors import PpmcError
+from ppmc.solver.cli import solve
 
 USAGE_ERROR = 2
 INTERRUPTED = 130
 
 app = App(
     name="ppmc",
-    help="""Predict fibre orientation in compression-moulded prepreg platelets.
-
-Four stages exchange files: ct (CT volume to orientations), charge (particles), solve (moulding flow) and analyze
-(tensors, figures, report). A scene, one YAML file, describes them all; `ppmc run SCENE` walks the chain. Units are
-mm, s, g, Pa; scenes may write "6 mm" or "1.31 GPa". Exit codes: 0 done, 2 usage or scene, 3 bad input file,
-4 numerical failure, 5 storage, 75 stopped with a checkpoint, 130 Ctrl-C.""",
+    help=" ".join(
+        (
+            "Predict fibre orientation in compression-moulded prepreg platelets.\n\n"
+            "Four stages exchange files: ct (CT volume to orientations), charge (particles), solve (moulding flow) and",
+            "analyze (tensors, figures, report). A scene, one YAML file, describes them all; 'ppmc run SCENE' walks",
+            "the chain. Units are mm, s, g, Pa; scenes may write '6 mm' or '1.31 GPa'.\n\n"
+            "Exit codes: 0 done, 2 usage or scene, 3 bad input file, 4 numerical failure, 5 storage, 75 stopped with a",
+            "checkpoint, 130 Ctrl-C.",
+        )
+    ),
     version=f"ppmc {__version__}",
-    help_format="markdown",
+    help_format="plaintext",
     suppress_keyboard_interrupt=False,
 )
 
-app.command("ppmc.ct.cli:phantom_app", name="phantom", help="Make a synthetic CT volume with known orientations.")
-app.command("ppmc.ct.cli:app", name="ct", help="Measure fibre directions and platelet normals in a CT volume.")
-app.command("ppmc.charge.cli:app", name="charge", help="Fill the charge with particles and give each its frame.")
-app.command("ppmc.solver.cli:app", name="solve", help="Simulate the moulding flow.")
-app.command("ppmc.analysis.cli:app", name="analyze", help="Average tensors, draw figures, write the report.")
+app.command(phantom)
+app.command(ct)
+app.command(charge)
+app.command(solve)
+app.command(analyze)
 
 
 @app.command
+@command
 def run(
     scene: Path,
+    /,
     *,
     workdir: Path | None = None,
     force: bool = False,
@@ -74,6 +88,7 @@ def run(
 
 
 @app.command
+@command
 def info(file: Path, /) -> None:
     """Explain a ppmc file: what it holds, units, times, and where it comes from.
 
@@ -92,6 +107,7 @@ def info(file: Path, /) -> None:
 
 
 @app.command
+@command
 def check(path: Path, /) -> None:
     """Check a scene (schema and physics) or a file (every value and digest); nothing is changed.
 
@@ -120,6 +136,7 @@ def check(path: Path, /) -> None:
 
 
 @app.command
+@command
 def schema(*, output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None) -> None:
     """Print the JSON schema of scenes, with which editors complete and check them.
 

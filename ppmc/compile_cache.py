@@ -70,7 +70,23 @@ _open_cache()
 
 import numba  # noqa: E402  (must come after NUMBA_CACHE_DIR is set)
 
+from ppmc.errors import SceneError  # noqa: E402
+
 prange = numba.prange
+
+
+def use_threads(count: int) -> None:
+    """Let kernels use `count` threads; results do not depend on it.
+
+    Raises
+    ------
+    SceneError
+        If the machine does not have as many.
+    """
+    most = numba.config.NUMBA_NUM_THREADS
+    if not 1 <= count <= most:
+        raise SceneError(f"--threads must be between 1 and {most} here, not {count}")
+    numba.set_num_threads(count)
 
 
 def njit(*args: Any, **options: Any) -> Callable[..., Any]:

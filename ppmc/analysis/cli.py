@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cyclopts import App
-
-app = App(name="analyze", help="Average orientation tensors over regions and paths, draw figures, write the report.")
+from ppmc.command import command
 
 
-@app.default
+@command
 def analyze(
     scene: Path,
+    /,
     *,
     input: Path | None = None,
     output: Path | None = None,

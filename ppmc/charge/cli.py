@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cyclopts import App
-
-app = App(name="charge", help="Fill the charge's domain with particles and give each its platelet frame.")
+from ppmc.command import command
 
 
-@app.default
-def charge(scene: Path, *, input: Path | None = None, output: Path | None = None) -> None:
+@command
+def charge(scene: Path, /, *, input: Path | None = None, output: Path | None = None) -> None:
     """Fill the charge's domain with particles and give each its fibre direction and platelet normal.
 
     The domain is a box, cylinder, extrusion or closed surface; orientations come from CT (the nearest valid voxel,

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cyclopts import App
-
-app = App(name="ct", help="Find fibre directions and platelet normals in a CT volume.")
-phantom_app = App(name="phantom", help="Make a synthetic CT volume of platelets whose orientations are known.")
+from ppmc.command import command
 
 
-@app.default
-def ct(scene: Path, *, input: Path | None = None, output: Path | None = None) -> None:
+@command
+def ct(scene: Path, /, *, input: Path | None = None, output: Path | None = None) -> None:
     """Find fibre direction p, platelet normal r and their certainty at every voxel of a CT volume.
 
     p is the direction of least grey-value change in a small flat window, r that of greatest change in a larger one.
@@ -45,8 +42,8 @@ def ct(scene: Path, *, input: Path | None = None, output: Path | None = None) ->
     print(run(loaded, input=input, output=output or paths.orientations))
 
 
-@phantom_app.default
-def phantom(scene: Path, *, output: Path | None = None) -> None:
+@command
+def phantom(scene: Path, /, *, output: Path | None = None) -> None:
     """Make a synthetic CT volume of a platelet preform, with its true p, r and platelet ids in the same file.
 
     Parameters

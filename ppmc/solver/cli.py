@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cyclopts import App
-
-app = App(name="solve", help="Compute the flow of the charge between the closing tools.")
+from ppmc.command import command
 
 
-@app.default
+@command
 def solve(
     scene: Path,
+    /,
     *,
     input: Path | None = None,
     output: Path | None = None,
@@ -47,7 +46,6 @@ def solve(
 
     ppmc solve configs/bracket.yaml --input charge.vtkhdf --output flow.vtkhdf --max-walltime "4 h" --threads 8
     """
-    from ppmc.errors import SceneError
     from ppmc.scene import load_scene
     from ppmc.scene.paths import run_paths
 
@@ -55,13 +53,9 @@ def solve(
     paths = run_paths(loaded)
     limit = None if max_walltime is None else _seconds(max_walltime)
     if threads is not None:
-        import numba
+        from ppmc.compile_cache import use_threads
 
-        import ppmc.compile_cache  # noqa: F401  (must come before numba)
-
-        if not 1 <= threads <= numba.config.NUMBA_NUM_THREADS:
-            raise SceneError(f"--threads must be between 1 and {numba.config.NUMBA_NUM_THREADS} here, not {threads}")
-        numba.set_num_threads(threads)
+        use_threads(threads)
     from ppmc.solver.stage import run
 
     written = run(loaded, input=input or paths.charge, output=output or paths.flow, resume=resume, max_walltime=limit)
