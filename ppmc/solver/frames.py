@@ -13,7 +13,7 @@ from ppmc.solver.viscosity import viscous_stress
 
 def field_names(model: Model) -> tuple[str, ...]:
     """Names of the fields in every frame."""
-    names = (
+    names: tuple[str, ...] = (
         "fibre_direction", "deformation_gradient", "volume_ratio", "packing", "velocity", "pressure", "fibre_stress",
         "strain_rate",
     )  # fmt: skip

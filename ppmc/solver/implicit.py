@@ -15,7 +15,7 @@ import numpy as np
 
 from ppmc.errors import NumericalError
 from ppmc.solver import materials
-from ppmc.solver.block_jacobi import multiply_blocks, restricted_inverse
+from ppmc.solver.block_jacobi import restricted_inverse
 from ppmc.solver.conjugate_gradient import Solution, conjugate_gradient
 from ppmc.solver.contact import Contacts
 from ppmc.solver.gradient import moment_inverses, velocity_gradient
@@ -24,6 +24,7 @@ from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, cell_order,
 from ppmc.solver.operator import Operator, assemble
 from ppmc.solver.smoothing import SUPPORT
 from ppmc.solver.state import ParticleState
+from ppmc.solver.system import VelocitySystem
 from ppmc.solver.tools import Walls
 from ppmc.solver.transport import convect_deformation, convect_directions, jeffery_increment
 
@@ -181,22 +182,11 @@ class ImplicitIntegrator:
             drag, drag_load = self._friction(contacts)
             right_side = load - operator.stress_force(state.wall_stress)
             free, held = contacts.constrain(dt)
-
-            def apply(v: np.ndarray, drag: np.ndarray | None = drag) -> np.ndarray:
-                out = operator.apply(v)
-                out += mass * v
-                if drag is not None:
-                    out += multiply_blocks(drag, v)
-                return out
-
-            def project(v: np.ndarray, free: np.ndarray = free) -> np.ndarray:
-                return multiply_blocks(free, v)
-
-            inverse = restricted_inverse(blocks if drag is None else blocks + drag, free)
+            system = VelocitySystem(operator, mass, drag, free, restricted_inverse(blocks + drag, free))
             solution = conjugate_gradient(
-                apply, project, lambda r, inverse=inverse: multiply_blocks(inverse, r),
-                right_side if drag_load is None else right_side + drag_load, project(velocities) + held,
-                tolerance=model.settings.velocity_tolerance, max_iterations=model.settings.max_iterations,
+                system.apply, system.project, system.precondition, right_side + drag_load,
+                system.project(velocities) + held, tolerance=model.settings.velocity_tolerance,
+                max_iterations=model.settings.max_iterations,
             )  # fmt: skip
             velocities = solution.velocities
             report.iterations += solution.iterations
@@ -215,14 +205,11 @@ class ImplicitIntegrator:
             contacts.active = (contacts.active & ~released) | added
         return solution
 
-    def _friction(self, contacts: Contacts) -> tuple[np.ndarray | None, np.ndarray | None]:
+    def _friction(self, contacts: Contacts) -> tuple[np.ndarray, np.ndarray]:
+        """Drag of Navier walls: blocks (n, 3, 3), Pa s mm, and the load (n, 3) of their motion."""
         state = self.state
         factor = np.where(contacts.active, self.model.walls.friction(contacts), 0.0)
-        if not factor.any():
-            return None, None
-        width = 2.0 * np.take_along_axis(state.half_width, np.maximum(contacts.tool, 0), axis=1)
-        stretch = np.linalg.norm(np.einsum("nab,nka->nkb", state.deformation_gradient, contacts.normal), axis=2)
-        area = (state.volume * state.volume_ratio)[:, None] / np.maximum(width * stretch, 1e-12)
+        area = (state.volume * state.volume_ratio)[:, None] / np.maximum(2.0 * contacts.half_width, 1e-12)
         tangent = np.eye(3) - contacts.normal[..., :, None] * contacts.normal[..., None, :]
         blocks = (factor * area)[..., None, None] * tangent
         return blocks.sum(axis=1), np.einsum("nkab,nkb->na", blocks, contacts.wall_velocity)

@@ -25,7 +25,7 @@ def _behind_table() -> tuple[np.ndarray, np.ndarray]:
     profile = 21.0 / 16.0 * 4.0 * q**2 * (1.0 - q / 2.0) ** 4 * (1.0 + 2.0 * q)
     share = np.where(q[None, :] > d[:, None], 0.5 * (1.0 - d[:, None] / np.maximum(q[None, :], 1e-12)), 0.0)
     integrand = share * profile
-    return d, np.trapezoid(integrand, q, axis=1)
+    return d, np.asarray(np.trapezoid(integrand, q, axis=1))
 
 
 def kernel_behind(distance: np.ndarray, smoothing_length: float) -> np.ndarray:

@@ -170,7 +170,7 @@ class Simulation:
             velocities[forced.tool] = forced.direction
         total = 0.0
         for velocity, force in zip(velocities, self.report.tool_force, strict=False):
-            speed = np.linalg.norm(velocity)
+            speed = float(np.linalg.norm(velocity))
             total -= float(force @ velocity) / speed if speed > 0.0 else 0.0
         return total
 

@@ -39,7 +39,8 @@ class Squeeze:
 
 def make_squeeze(
     shape: tuple[int, int, int] = (8, 8, 6), ratio: float = 1.0, reduction: float = 0.5, angle: float = 0.0,
-    jitter: float = 0.0, directions: np.ndarray | None = None, bulk_ratio: float = 300.0, walls: tuple = (), **settings: object,
+    jitter: float = 0.0, directions: np.ndarray | None = None, bulk_ratio: float = 300.0,
+    walls: tuple = (), **settings: object,
 ) -> ImplicitIntegrator:  # fmt: skip
     """Integrator of a block between slip plates; eta23 = 1 Pa s, ram at constant speed to `reduction` of the height."""
     positions, height = lattice(shape, jitter), float(shape[2])

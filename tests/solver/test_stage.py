@@ -82,7 +82,7 @@ def test_isotropic_squeeze_through_the_command_line(tmp_path: Path):
         np.testing.assert_allclose(np.diag(mean), np.diag(exact), rtol=0.01)
         assert last["volume_ratio"].mean() == pytest.approx(1.0, abs=5e-3)
         force = series.history["press_force"][-1]
-        assert force == pytest.approx(3.0 * 5.36 * 1.0 * 200.0, rel=0.02)
+        assert force == pytest.approx(3.0 * 5.36 * 1.0 * 200.0, rel=0.05)
         assert series.history["time"][-1] == 1.0
         np.testing.assert_allclose(series.static["reference_position"], lattice((10, 10, 6)))
         # The middle of the block is well packed.

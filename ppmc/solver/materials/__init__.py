@@ -55,4 +55,5 @@ def evaluate(section: Any, state: ParticleState, normals: np.ndarray | None = No
         Normals of the nearest tool, for models in `NEEDS_NORMALS`.
     """
     fibre, directions = MODELS[section.model](section, state, normals)
-    return Viscosity(np.full(len(state), section.shear), fibre, np.ascontiguousarray(directions))
+    # A copy, for the step turns these directions ahead while the state keeps its own.
+    return Viscosity(np.full(len(state), section.shear), fibre, np.array(directions, order="C"))
