@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from ppmc.charge.lattice import Lattice, box_lattice, filled_lattice
-from ppmc.scene.charge import BoxDomain, ChargeSection
+from ppmc.scene.charge import BoxDomain, ChargeSection, DrapedDomain
 
 
 def lattice_of(section: ChargeSection, folder: Path = Path()) -> Lattice:
-    """Return the particles of a charge.
+    """Return the particles of a charge that is not draped.
 
     Parameters
     ----------
@@ -28,6 +28,8 @@ def lattice_of(section: ChargeSection, folder: Path = Path()) -> Lattice:
     domain, spacing, layers = section.domain, section.spacing, section.layers
     if isinstance(domain, BoxDomain):
         return box_lattice(domain.origin, domain.size, spacing, layers)
+    if isinstance(domain, DrapedDomain):
+        raise TypeError("a draped charge is made by ppmc.charge.drape")
     from ppmc.geometry.domain import closed_domain
 
     solid = closed_domain(domain, folder)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,10 +40,10 @@ class Frames:
     platelet_id: NDArray[np.int64]
     region_id: NDArray[np.int32]
     confidence: Array
-    notes: dict[str, float | int | str] = field(default_factory=dict)
+    notes: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, fibre_direction: Array, platelet_normal: Array, source: int, **notes: float | int | str) -> Frames:
+    def of(cls, fibre_direction: Array, platelet_normal: Array, source: int, **notes: Any) -> Frames:
         """Return frames of one source, without platelets or regions."""
         n = len(fibre_direction)
         return cls(

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ppmc.charge.domain import lattice_of
+from ppmc.charge.drape import drape, flat_sheet, turned
 from ppmc.charge.frames import Frames
 from ppmc.charge.from_ct import frames_from_ct
 from ppmc.charge.lattice import Lattice
 from ppmc.charge.orient import frames_of
+from ppmc.charge.surface_normals import distance_of, local_frames, regional_frames
 from ppmc.errors import InputFileError, SceneError
 from ppmc.files import Provenance, check_output, read_voxels, write_particles
 from ppmc.orientation import orientation_tensor, to_six
 from ppmc.scene import Scene
-from ppmc.scene.charge import ChargeSection, CtOrientation
+from ppmc.scene.charge import ChargeSection, CtOrientation, DrapedDomain, LocalOrientation, RegionalOrientation
 
 # Second key of the random generator, so that stages that share the scene's seed draw different numbers.
 STAGE_NUMBER = 3
@@ -42,7 +45,8 @@ def run(scene: Scene, *, input: Path | None = None, output: Path) -> Path:
     Raises
     ------
     SceneError
-        If the section does not describe a charge, or particles are left without orientation.
+        If the section does not describe a charge, a tool it names is missing, or particles are left without
+        orientation.
     InputFileError
         If an input is missing or broken.
     StorageError
@@ -51,17 +55,44 @@ def run(scene: Scene, *, input: Path | None = None, output: Path) -> Path:
     section: ChargeSection = scene.require("charge")
     inputs = _inputs(scene, section, input)
     check_output(output, inputs)
-    lattice = lattice_of(section, scene.directory)
     generator = np.random.default_rng([scene.seed, STAGE_NUMBER])
-    frames = _frames(section, lattice, generator, inputs)
+    if isinstance(section.domain, DrapedDomain):
+        lattice, frames = _draped(scene, section, section.domain, generator, inputs)
+    else:
+        lattice = lattice_of(section, scene.directory)
+        frames = _frames(scene, section, lattice, generator, inputs)
     provenance = Provenance.collect(
-        creator="ppmc.charge", scene=scene, sections=("charge",), inputs=inputs, seed=scene.seed
+        creator="ppmc.charge", scene=scene, sections=_sections(section), inputs=inputs, seed=scene.seed
     )
     write_particles(
         output, "charge", lattice.positions, _fields(lattice, frames), provenance=provenance,
         extra=summary(lattice, frames),
     )  # fmt: skip
     return output
+
+
+def _sections(section: ChargeSection) -> tuple[str, ...]:
+    """Return the sections of the scene that decide the charge: the tools too, if it is laid on one."""
+    on_tool = isinstance(section.domain, DrapedDomain) or isinstance(section.orientation, LocalOrientation)
+    return ("charge", "tooling") if on_tool else ("charge",)
+
+
+def _draped(
+    scene: Scene, section: ChargeSection, domain: DrapedDomain, generator: np.random.Generator, inputs: list[Path]
+) -> tuple[Lattice, Frames]:
+    """Return the particles and frames of a sheet laid onto a tool.
+
+    Orientations of the flat sheet turn with it; those about normals are drawn where the particles have come to lie.
+    """
+    sheet = flat_sheet(domain, section.spacing, section.layers)
+    distance = distance_of(domain.tool, scene.tooling, scene.directory, "charge.domain.tool")
+    draped = drape(domain, sheet, distance)
+    lattice = replace(sheet, positions=draped.positions)
+    if isinstance(section.orientation, RegionalOrientation | LocalOrientation):
+        frames = _frames(scene, section, lattice, generator, inputs)
+        frames.notes.update(draped.notes)
+        return lattice, frames
+    return lattice, turned(_frames(scene, section, sheet, generator, inputs), draped)
 
 
 def summary(lattice: Lattice, frames: Frames) -> dict[str, Any]:
@@ -92,9 +123,16 @@ def _inputs(scene: Scene, section: ChargeSection, orientations: Path | None) -> 
     return [Path(orientations)] + ([scene.locate(choice.platelet_ids)] if choice.platelet_ids else [])
 
 
-def _frames(section: ChargeSection, lattice: Lattice, generator: np.random.Generator, inputs: list[Path]) -> Frames:
+def _frames(
+    scene: Scene, section: ChargeSection, lattice: Lattice, generator: np.random.Generator, inputs: list[Path]
+) -> Frames:
     """Return the frames of all particles, from a file or from the scene alone."""
     choice = section.orientation
+    if isinstance(choice, RegionalOrientation):
+        return regional_frames(choice, lattice.positions, generator)
+    if isinstance(choice, LocalOrientation):
+        distance = distance_of(choice.tool, scene.tooling, scene.directory, "charge.orientation.tool")
+        return local_frames(distance, lattice.positions, generator)
     if not isinstance(choice, CtOrientation):
         return frames_of(choice, lattice, generator)
     with read_voxels(inputs[0], "orientations") as source:

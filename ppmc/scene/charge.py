@@ -47,16 +47,43 @@ class BoxDomain(Section):
     """Edge lengths."""
 
 
+class DrapedDomain(Section):
+    """A flat sheet laid onto a tool: formed as a quasi-isotropic membrane, its lower face on the tool.
+
+    The orientation of a draped charge is that of the flat sheet (x1 along it, x2 across, x3 up) and turns with it.
+    """
+
+    shape: Literal["draped"]
+    tool: str = Field(examples=["punch"])
+    """Name of the tool in the scene's `tooling`, at its drawn position."""
+    size: PositiveLengthVector = Field(examples=[["140 mm", "200 mm", "6 mm"]])
+    """Length along, width across and thickness of the flat sheet."""
+    centre: LengthVector = (0.0, 0.0, 0.0)
+    """A point of the line on which the sheet's middle comes down."""
+    down: Direction = (0.0, 0.0, -1.0)
+    """Direction in which the sheet is laid down."""
+    along: Direction = (1.0, 0.0, 0.0)
+    """Direction of the sheet's length; its part across `down` counts."""
+    poisson_ratio: float = Field(default=0.3, ge=0.0, lt=0.95)
+    """Poisson's ratio of the quasi-isotropic sheet in its plane."""
+
+    @model_validator(mode="after")
+    def _flat(self) -> DrapedDomain:
+        if abs(sum(a * b for a, b in zip(self.along, self.down, strict=True))) > 0.999:
+            raise ValueError("`along` must not be parallel to `down`")
+        return self
+
+
 def _shape_only(value: Any) -> Any:
     """Refuse keys that mean something for a tool but nothing for a charge."""
-    idle = {"motion", "wall", "inside"} & value.model_fields_set
+    idle = {"motion", "wall", "inside"} & set(value.model_fields_set)
     if idle:
         raise ValueError(f"`{min(idle)}` belongs to a tool, not to the space that the charge fills; leave it out")
     return value
 
 
 Domain = Annotated[
-    BoxDomain | RoundedBoxTool | CylinderTool | ExtrusionTool | RevolutionTool | MeshTool,
+    BoxDomain | DrapedDomain | RoundedBoxTool | CylinderTool | ExtrusionTool | RevolutionTool | MeshTool,
     Field(discriminator="shape"),
     AfterValidator(_shape_only),
 ]
@@ -195,8 +222,47 @@ class PlateletsOrientation(Section):
     """Platelets standing on edge at the side walls; none if left out."""
 
 
+class NormalRegion(Section):
+    """A box of particles that share a surface normal."""
+
+    min: LengthVector
+    """Lowest corner."""
+    max: LengthVector
+    """Highest corner."""
+    normal: Direction
+    """Surface normal of the region."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> NormalRegion:
+        if any(b <= a for a, b in zip(self.min, self.max, strict=True)):
+            raise ValueError(f"`max` {list(self.max)} must be above `min` {list(self.min)} in every direction")
+        return self
+
+
+class RegionalOrientation(Section):
+    """Planar random about the normal of the region a particle is in (D, Fig 5); the nearest region if in none."""
+
+    source: Literal["regional"] = "regional"
+    regions: dict[str, NormalRegion] = Field(min_length=1)
+    """Regions by name; where they overlap the first counts."""
+
+
+class LocalOrientation(Section):
+    """Planar random about the tool's normal at the point of it that is nearest to the particle."""
+
+    source: Literal["local"] = "local"
+    tool: str = Field(examples=["punch"])
+    """Name of the tool in the scene's `tooling`, at its drawn position."""
+
+
 OrientationSource = Annotated[
-    CtOrientation | UniformOrientation | PlanarRandomOrientation | PlateletsOrientation, Field(discriminator="source")
+    CtOrientation
+    | UniformOrientation
+    | PlanarRandomOrientation
+    | PlateletsOrientation
+    | RegionalOrientation
+    | LocalOrientation,
+    Field(discriminator="source"),
 ]
 
 
