@@ -75,9 +75,27 @@ def _quantity(unit: str, **bounds: Any) -> Any:
 
 
 if TYPE_CHECKING:
-    Length = PositiveLength = NonNegativeLength = Time = PositiveTime = Velocity = PositiveVelocity = float
-    Viscosity = PositiveViscosity = Pressure = PositivePressure = Force = PositiveForce = Density = float
-    PositiveDensity = Angle = NonNegativeAngle = StrainRate = PositiveStrainRate = NonNegativeTime = float
+    # One name a line: type checkers take a chain of assignments for variables, not for type aliases.
+    Length = float
+    PositiveLength = float
+    NonNegativeLength = float
+    Time = float
+    PositiveTime = float
+    Velocity = float
+    PositiveVelocity = float
+    Viscosity = float
+    PositiveViscosity = float
+    Pressure = float
+    PositivePressure = float
+    Force = float
+    PositiveForce = float
+    Density = float
+    PositiveDensity = float
+    Angle = float
+    NonNegativeAngle = float
+    StrainRate = float
+    PositiveStrainRate = float
+    NonNegativeTime = float
     FrictionCoefficient = float
 else:
     Length = _quantity("mm")
@@ -119,7 +137,12 @@ def _unit_length(v: tuple[float, float, float]) -> tuple[float, float, float]:
 
 
 if TYPE_CHECKING:
-    Vector3 = LengthVector = PositiveLengthVector = VelocityVector = Direction = tuple[float, float, float]
+    # One name a line: type checkers take a chain of assignments for variables, not for type aliases.
+    Vector3 = tuple[float, float, float]
+    LengthVector = tuple[float, float, float]
+    PositiveLengthVector = tuple[float, float, float]
+    VelocityVector = tuple[float, float, float]
+    Direction = tuple[float, float, float]
 else:
     Vector3 = Annotated[tuple[float, float, float], BeforeValidator(_three)]
     LengthVector = Annotated[tuple[Length, Length, Length], BeforeValidator(_three)]
