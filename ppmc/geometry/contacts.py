@@ -40,8 +40,8 @@ def tool_contacts(tools, index, offsets, x, y, z, reach):  # type: ignore[no-unt
     Returns
     -------
     tuple
-        (count, phi0, n0x, n0y, n0z, phi1, n1x, n1y, n1z, phi2, n2x, n2y, n2z), the nearest wall first; entries
-        beyond `count` are zero.
+        (count, phi0, n0x, n0y, n0z, phi1, n1x, n1y, n1z, phi2, n2x, n2y, n2z); entries beyond `count` are zero. A
+        point behind two walls of a concave edge gets its depth below each.
     """
     if distance_bound(tools, index, offsets, x, y, z) > reach:
         return NO_WALLS
@@ -51,10 +51,13 @@ def tool_contacts(tools, index, offsets, x, y, z, reach):  # type: ignore[no-unt
     walls = (1, phi, nx, ny, nz, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if tools.convex[index]:
         return walls
-    # A point in the tool sees the other walls from where it would come out.
-    out = max(-phi, 0.0)
     if tools.kind[index] == MESH:
-        return _lifted_walls(tools, index, offsets, x, y, z, reach, out, walls)
+        return _mesh_walls(tools, index, offsets, x, y, z, reach, walls)
+    # A point in the tool sees all walls from where it would come out; its nearest point may be their common edge.
+    out = max(-phi, 0.0)
+    nearest = walls
+    if phi < 0.0 and tools.size[index, 3] == 0.0:
+        walls = NO_WALLS
     gx = x + out * nx - offsets[index, 0] - tools.origin[index, 0]
     gy = y + out * ny - offsets[index, 1] - tools.origin[index, 1]
     gz = z + out * nz - offsets[index, 2] - tools.origin[index, 2]
@@ -94,7 +97,7 @@ def tool_contacts(tools, index, offsets, x, y, z, reach):  # type: ignore[no-unt
                     walls = _with_local(
                         walls, frame, side * d, side * nr * px / r, side * nr * ly / r, side * nh, shift, reach
                     )
-    return walls
+    return walls if walls[0] > 0 else nearest
 
 
 @njit
@@ -120,7 +123,13 @@ def _with_wall(walls, phi, nx, ny, nz, shift, reach):  # type: ignore[no-untyped
     """Add a wall seen from the point moved by `shift`, unless it is out of reach, known already, or the fourth."""
     n, p0, ax, ay, az, p1, bx, by, bz, p2, cx, cy, cz = walls
     phi -= nx * shift[0] + ny * shift[1] + nz * shift[2]
-    if phi > reach or n == 3 or nx * ax + ny * ay + nz * az > SAME_WALL:
+    if phi > reach or n == 3:
+        return walls
+    if n == 0:
+        return 1, phi, nx, ny, nz, p1, bx, by, bz, p2, cx, cy, cz
+    if nx * ax + ny * ay + nz * az > SAME_WALL:
+        if phi < p0:
+            return n, phi, nx, ny, nz, p1, bx, by, bz, p2, cx, cy, cz
         return walls
     if n == 1:
         return 2, p0, ax, ay, az, phi, nx, ny, nz, p2, cx, cy, cz
@@ -132,29 +141,59 @@ def _with_wall(walls, phi, nx, ny, nz, shift, reach):  # type: ignore[no-untyped
 
 
 @njit
-def _lifted_walls(tools, index, offsets, x, y, z, reach, out, walls):  # type: ignore[no-untyped-def]
-    """Add the walls of a mesh that are nearest once the point is lifted off the walls already known."""
+def _mesh_walls(tools, index, offsets, x, y, z, reach, nearest):  # type: ignore[no-untyped-def]
+    """Return the walls of a mesh near a point: each is seen from a probe that lies clearly nearer to it.
+
+    Probes are the point itself; the point lifted off the first wall, and off the first two; and, where the
+    interpolated gradient is the mixture of two walls (it is then too small), six points around.
+    """
+    _, phi, nx, ny, nz, _, _, _, _, _, _, _, _ = nearest
+    step = tools.grid_spacing[index]
+    above, _, _, _ = tool_distance(tools, index, offsets, x + step * nx, y + step * ny, z + step * nz)
+    below, _, _, _ = tool_distance(tools, index, offsets, x - step * nx, y - step * ny, z - step * nz)
+    walls = NO_WALLS
+    if above - below > 1.95 * step:
+        walls = nearest
+    else:
+        for side in range(6):
+            s = 1.5 * step if side % 2 == 0 else -1.5 * step
+            sx = s if side // 2 == 0 else 0.0
+            sy = s if side // 2 == 1 else 0.0
+            sz = s if side // 2 == 2 else 0.0
+            walls = _probe(tools, index, offsets, x, y, z, sx, sy, sz, reach, walls)
     for attempt in range(4):
         n, _, ax, ay, az, _, bx, by, bz, _, _, _, _ = walls
-        if n == 3:
+        if n == 0 or n == 3:
             break
-        lift = out + reach * (1.0 if attempt % 2 == 0 else 0.5)
+        lift = max(-phi, 0.0) + reach * (1.0 if attempt % 2 == 0 else 0.5)
         cosine = ax * bx + ay * by + az * bz
-        if n == 1 or cosine < -0.9:
-            mx, my, mz = lift * ax, lift * ay, lift * az
-        else:
-            # The direction that leaves both walls at the same rate.
-            s = lift / (1.0 + cosine)
-            mx, my, mz = s * (ax + bx), s * (ay + by), s * (az + bz)
-        d, nx, ny, nz = tool_distance(tools, index, offsets, x + mx, y + my, z + mz)
-        phi = d - (nx * mx + ny * my + nz * mz)
-        if phi > reach:
-            continue
-        # The tangent plane of an edge seen from the side hangs in the air below the point: no wall.
-        below, _, _, _ = tool_distance(tools, index, offsets, x - phi * nx, y - phi * ny, z - phi * nz)
-        if below <= 0.1 * reach:
-            walls = _with_wall(walls, phi, nx, ny, nz, (0.0, 0.0, 0.0), reach)
-    return walls
+        s = lift if n == 1 or cosine < -0.9 else lift / (1.0 + cosine)
+        if cosine < -0.9:
+            bx, by, bz = 0.0, 0.0, 0.0
+        walls = _probe(tools, index, offsets, x, y, z, s * (ax + bx), s * (ay + by), s * (az + bz), reach, walls)
+    return walls if walls[0] > 0 else nearest
+
+
+@njit
+def _probe(tools, index, offsets, x, y, z, sx, sy, sz, reach, walls):  # type: ignore[no-untyped-def]
+    """Add the wall nearest to the point moved by (sx, sy, sz), its normal taken close above its surface."""
+    d, nx, ny, nz = tool_distance(tools, index, offsets, x + sx, y + sy, z + sz)
+    step = tools.grid_spacing[index]
+    for _ in range(2):
+        down = d - step
+        sx -= down * nx
+        sy -= down * ny
+        sz -= down * nz
+        d, nx, ny, nz = tool_distance(tools, index, offsets, x + sx, y + sy, z + sz)
+    phi = d - (nx * sx + ny * sy + nz * sz)
+    # Going down between two walls does not reach the surface: the normal there belongs to neither.
+    if phi > reach or abs(d - step) > 0.2 * step:
+        return walls
+    # The tangent plane of an edge seen from the side hangs in the air below the point: no wall.
+    below, _, _, _ = tool_distance(tools, index, offsets, x - phi * nx, y - phi * ny, z - phi * nz)
+    if below > 0.3 * step:
+        return walls
+    return _with_wall(walls, phi, nx, ny, nz, (0.0, 0.0, 0.0), reach)
 
 
 @njit
