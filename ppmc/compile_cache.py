@@ -83,7 +83,7 @@ def use_threads(count: int) -> None:
     SceneError
         If the machine does not have as many.
     """
-    most = numba.config.NUMBA_NUM_THREADS
+    most = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     if not 1 <= count <= most:
         raise SceneError(f"--threads must be between 1 and {most} here, not {count}")
     numba.set_num_threads(count)

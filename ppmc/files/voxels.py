@@ -23,6 +23,8 @@ from ppmc.files.storage import whole_file
 from ppmc.files.text import attribute
 
 CHUNK = (32, 64, 64)
+VERIFIED_WHOLE = 2**24  # voxels; larger files are verified where they are read, and whole by `ppmc check`
+SLAB = 2**22
 Index = tuple[slice, slice, slice]
 ALL: Index = (slice(None), slice(None), slice(None))
 
@@ -165,6 +167,19 @@ class VoxelFile:
         check_values(values, spec, data.name, self.path)
         return np.asarray(values)
 
+    def verify(self) -> None:
+        """Read all fields slab by slab, and verify every value.
+
+        Raises
+        ------
+        InputFileError
+            If a field breaks its contract.
+        """
+        planes = max(1, SLAB * self.grid.shape[0] // self.grid.count)
+        for z in range(0, self.grid.shape[0], planes):
+            for name in self.names:
+                self.read(name, (slice(z, z + planes), slice(None), slice(None)))
+
     def read_frames(self, index: Index = ALL) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return fibre directions and platelet normals, shape (..., 3), verified to be orthogonal."""
         p = self.read("fibre_direction", index)
@@ -191,7 +206,7 @@ def read_voxels(path: Path, product: str) -> Iterator[VoxelFile]:
     Raises
     ------
     InputFileError
-        If the file or its layout breaks the contract.
+        If the file or its layout breaks the contract, or a value does in a file of up to 2^24 voxels.
     """
     path = Path(path)
     with open_guarded(path, product) as file:
@@ -205,7 +220,10 @@ def read_voxels(path: Path, product: str) -> Iterator[VoxelFile]:
             elif spec.required:
                 raise InputFileError(f"{path}: /VTKHDF/PointData/{name} is missing ({spec.doc})")
         names = tuple(name for name in known if name in data)
-        yield VoxelFile(path, product, grid, names, Provenance.load(file), file)
+        opened = VoxelFile(path, product, grid, names, Provenance.load(file), file)
+        if grid.count <= VERIFIED_WHOLE:
+            opened.verify()
+        yield opened
 
 
 def _grid_of(root: h5py.Group, path: Path) -> VoxelGrid:

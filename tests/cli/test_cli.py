@@ -30,7 +30,7 @@ def test_version() -> None:
     [
         (["crage"], 2, "charge"),
         (["run", "--workdri", "x", "scene.yaml"], 2, "--workdri"),
-        (["run"], 2, "SCENE"),
+        (["run"], 2, "SCENE requires an argument"),
         (["run", "no-such.yaml"], 2, "no-such.yaml: no such scene file"),
         (["info", "no-such.vtkhdf"], 3, "no-such.vtkhdf: no such file"),
         (["check", "no-such.vtkhdf"], 3, "no-such.vtkhdf: no such file"),

@@ -23,7 +23,7 @@ def test_an_edit_anywhere_opens_a_new_folder(tmp_path: Path) -> None:
     package = tmp_path / "src" / "ppmc"
     (package / "solver").mkdir(parents=True)
     source = Path(__file__).parents[2] / "ppmc"
-    for name in ("__init__.py", "compile_cache.py"):
+    for name in ("__init__.py", "compile_cache.py", "errors.py"):
         (package / name).write_text((source / name).read_text())
     helper = package / "solver" / "helper.py"
     helper.write_text("x = 1\n")
