@@ -7,6 +7,7 @@ Raw files, TIFF (one file of many pages or a folder of slices), HDF5 datasets an
 from __future__ import annotations
 
 import re
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -206,9 +207,12 @@ def _tiff(path: Path) -> Iterator[Volume]:
         for number, page in enumerate(pages):
             _same_slice(page, first, f"{path}: page {number}")
         shape = (len(pages), *first.shape)
+        # All threads read through one file handle, and a page is a seek followed by a read.
+        turn = threading.Lock()
 
         def read(box: Box) -> NDArray[Any]:
-            return np.stack([_page(pages[z], path)[box[1:]] for z in range(*box[0].indices(len(pages)))])
+            with turn:
+                return np.stack([_page(pages[z], path)[box[1:]] for z in range(*box[0].indices(len(pages)))])
 
         yield Volume(path, shape, first.dtype, read)  # type: ignore[arg-type]
 
