@@ -1,5 +1,6 @@
 """Volumes of every kind are read alike, and what is wrong with a file is said once and clearly."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import h5py
@@ -63,6 +64,17 @@ def test_every_kind_gives_the_same_voxels(tmp_path, make):
         assert volume.shape == GREY.shape
         assert np.array_equal(volume.read(BOX), GREY[BOX])
         assert np.array_equal(volume.grey(BOX, 3.0, 2.0), ((GREY[BOX] - 3.0) / 2.0).astype(np.float32))
+
+
+@pytest.mark.parametrize("make", [raw, tiff_compressed, tiff_slices, hdf5, own])
+def test_threads_may_read_at_once(tmp_path, make, monkeypatch):
+    grey = np.random.default_rng(1).integers(0, 255, (40, 64, 64)).astype(np.uint8)
+    monkeypatch.setitem(globals(), "GREY", grey)
+    path, source = make(tmp_path)
+    with open_volume(path, source) as volume, ThreadPoolExecutor(8) as pool:
+        boxes = [(slice(z, z + 3), slice(z, 64), slice(None)) for z in range(37)] * 10
+        for box, got in zip(boxes, pool.map(volume.read, boxes), strict=True):
+            assert np.array_equal(got, grey[box])
 
 
 def test_own_file_states_its_grid(tmp_path):
