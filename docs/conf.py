@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from ppmc import __version__
@@ -23,21 +24,22 @@ html_title = f"ppmc {release}"
 GENERATED = Path(__file__).parent / "_generated"
 
 
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
 def write_field_tables() -> None:
     """Write the contract of every product as a page."""
     lines = ["# File contracts", "", f"Units: {UNITS}.", "", f"Order: {AXES}.", ""]
     for product, fields in FIELDS.items():
         lines += [f"## {product}", "", f"Made by `{MADE_BY[product]}`; one value a {fields[0].where}.", ""]
-        lines += [
-            "| field | type | components | unit | meaning | required | changes in time |",
-            "|---|---|---|---|---|---|---|",
-        ]
+        head = ("field", "type", "components", "unit", "meaning", "required", "changes in time")
+        lines += [_row(head), _row(["---"] * len(head))]
         for f in fields:
             moving = "no" if f.static or product not in ("flow", "analysis") else "yes"
+            meaning = f.doc.replace("|", "/")
             required = "yes" if f.required else "no"
-            lines.append(
-                f"| `{f.name}` | {f.dtype} | {f.components} | {f.unit} | {f.doc.replace('|', '/')} | {required} | {moving} |"
-            )
+            lines.append(_row((f"`{f.name}`", f.dtype, str(f.components), f.unit, meaning, required, moving)))
         lines.append("")
     GENERATED.mkdir(exist_ok=True)
     (GENERATED / "files.md").write_text("\n".join(lines), encoding="utf-8")
