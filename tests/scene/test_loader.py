@@ -41,7 +41,7 @@ def test_units_become_mm_s_g_pa() -> None:
         ("spacing: 500 um", "spacng: 500 um", "s.yaml:5: charge.spacng: unknown key; did you mean 'spacing'?"),
         ("spacing: 500 um", "spacing: -1 mm", "s.yaml:5: charge.spacing: Input should be greater than 0 (got '-1 mm')"),
         ("spacing: 500 um", "spacing: 3 s", ":5: charge.spacing: '3 s' has the wrong dimension: expected mm, got"),
-        ("spacing: 500 um", "spacing: true", ":5: charge.spacing: expected a number or a quantity such as '1 mm', got t"),
+        ("spacing: 500 um", "spacing: true", ":5: charge.spacing: expected a number or a quantity such as '1 mm', got"),
         ("spacing: 500 um", "spacing: .inf", "s.yaml:5: charge.spacing: Input should be a finite number"),
         ("spacing: 500 um", "spacing: .nan", "s.yaml:5: charge.spacing: Input should be"),
         ("fibre_direction: [2, 0, 0]", "fibre_direction: [0, 0, 0]", "a direction must not be the zero vector"),
