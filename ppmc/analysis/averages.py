@@ -32,7 +32,11 @@ class RegionSums:
     sums: np.ndarray
 
     def __add__(self, other: RegionSums) -> RegionSums:
-        return RegionSums(self.regions, self.sums + other.sums)
+        total = self.sums + other.sums
+        # A platelet may lie in both parts, and then its square is not the sum of squares.
+        shared = (self.sums[:, 0] > 0) & (other.sums[:, 0] > 0)
+        total[shared, 50] = 0.0
+        return RegionSums(self.regions, total)
 
     def averages(self) -> RegionAverages:
         """Return the averages; NaN where a region holds nothing."""
@@ -45,6 +49,7 @@ class RegionSums:
                 particle_count=s[:, 0].astype(np.int64),
                 material_volume=volume.copy(),
                 effective_count=volume**2 / s[:, 2],
+                effective_platelets=np.where(s[:, 50] > 0, volume**2 / s[:, 50], np.nan),
                 centroid=s[:, 3:6] / s[:, 1:2],
                 known_share=fibre[:, 0] / volume,
                 fibre_tensor=from_six(s[:, 7:13] / fibre),
@@ -66,6 +71,8 @@ class RegionAverages:
         Their volume, mm³.
     effective_count : ndarray, shape (m,)
         (Σw)²/Σw²: the number of equal points that would average as well.
+    effective_platelets : ndarray, shape (m,)
+        The same counting every platelet once: points of one platelet are no independent samples. NaN if not known.
     centroid : ndarray, shape (m, 3)
         Their centre of volume, mm.
     known_share : ndarray, shape (m,)
@@ -80,6 +87,7 @@ class RegionAverages:
     particle_count: np.ndarray
     material_volume: np.ndarray
     effective_count: np.ndarray
+    effective_platelets: np.ndarray
     centroid: np.ndarray
     known_share: np.ndarray
     fibre_tensor: np.ndarray
@@ -105,6 +113,16 @@ class RegionAverages:
         return _spread(self.normal_tensor, self.normal_tensor4)
 
     @property
+    def fibre_error(self) -> np.ndarray:
+        """Standard error of A, shape (m, 3, 3): spread over the root of the effective number of platelets."""
+        return np.asarray(self.fibre_spread / np.sqrt(self.effective_platelets)[:, None, None])
+
+    @property
+    def normal_error(self) -> np.ndarray:
+        """Standard error of N, shape (m, 3, 3)."""
+        return np.asarray(self.normal_spread / np.sqrt(self.effective_platelets)[:, None, None])
+
+    @property
     def region_volume(self) -> np.ndarray:
         """Geometric volume of each region, mm³; infinite for unbounded regions."""
         return np.array([region.volume for region in self.regions])
@@ -117,7 +135,9 @@ def region_sums(samples: Samples, regions: list[Region] | tuple[Region, ...]) ->
         return RegionSums(regions, np.zeros((len(regions), N_SUMS)))
     # Only points inside the span of the regions take part; a part-sized file with one small region stays cheap.
     kinds, origins, axes, lower, upper, boxes = pack(regions)
-    binned = bin_points(samples.positions, samples.volume, samples.fibre_direction, samples.platelet_normal)
+    binned = bin_points(
+        samples.positions, samples.volume, samples.fibre_direction, samples.platelet_normal, samples.platelet_id
+    )
     return RegionSums(regions, sum_regions(*binned, kinds, origins, axes, lower, upper, boxes))
 
 

@@ -17,6 +17,8 @@ def analyze(
     volume: Path | None = None,
     orientations: Path | None = None,
     charge: Path | None = None,
+    compare: list[Path] | None = None,
+    seeds: list[Path] | None = None,
 ) -> None:
     """Average A and N over regions and paths, draw figures, and write one self-contained report.
 
@@ -37,12 +39,18 @@ def analyze(
         Voxel orientations, overlaid in the plots; default orientations.vtkhdf beside the input, if there.
     charge : Path, optional
         Charge, overlaid too; default none, as a flow's first frame shows it.
+    compare : list of Path, optional
+        Flows of other runs, overlaid and compared with the input; repeat the option for more.
+    seeds : list of Path, optional
+        Flows of the same case with other seeds, joined with the input into mean and spread; repeat for more.
 
     Examples
     --------
     ppmc analyze configs/demo.yaml
 
     ppmc analyze configs/demo.yaml --input runs/demo/charge.vtkhdf --output look/analysis.vtkhdf
+
+    ppmc analyze configs/bracket.yaml --seeds runs/seed2/flow.vtkhdf --seeds runs/seed3/flow.vtkhdf
     """
     from ppmc.analysis.stage import run
     from ppmc.errors import InputFileError
@@ -60,7 +68,14 @@ def analyze(
     volume = volume or _beside(input, "volume.vtkhdf")
     orientations = orientations or _beside(input, "orientations.vtkhdf")
     written = run(
-        loaded, input=input, output=output or paths.analysis, volume=volume, orientations=orientations, charge=charge
+        loaded,
+        input=input,
+        output=output or paths.analysis,
+        volume=volume,
+        orientations=orientations,
+        charge=charge,
+        compare=compare or (),
+        seeds=seeds or (),
     )
     print(f"{written}\n{written.parent / 'report.html'}")
 

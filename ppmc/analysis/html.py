@@ -80,11 +80,11 @@ class Document:
             f'<div class="scroll"><table>{foot}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
         )
 
-    def picture(self, png: bytes, caption: str, name: str = "") -> None:
-        """Add a PNG picture, kept inside the page."""
-        data = base64.b64encode(png).decode("ascii")
+    def picture(self, image: bytes, caption: str, name: str = "", kind: str = "png") -> None:
+        """Add a picture (PNG unless named otherwise), kept inside the page."""
+        data = base64.b64encode(image).decode("ascii")
         self._body.append(
-            f'<figure id="{escape(name)}"><img alt="{escape(caption)}" src="data:image/png;base64,{data}">'
+            f'<figure id="{escape(name)}"><img alt="{escape(caption)}" src="data:image/{kind};base64,{data}">'
             f"<figcaption>{escape(caption)}</figcaption></figure>"
         )
 

@@ -1,7 +1,8 @@
 """Kernels of the region averages: sort points into cells, then sum moments region by region.
 
 Layout of a region's sums: 0 count, 1 Σw, 2 Σw², 3:6 Σw x, then for p: 6 Σw of points with a known p, 7:13 second order
-(XX, YY, ZZ, XY, YZ, XZ), 13:28 fourth order (`averages.FOURTH`); then the same 22 numbers for r from 28.
+(XX, YY, ZZ, XY, YZ, XZ), 13:28 fourth order (`averages.FOURTH`); then the same 22
+numbers for r from 28; 50 is the sum over platelets of (Σw of the platelet)², zero where platelets are not known.
 """
 
 from __future__ import annotations
@@ -13,9 +14,10 @@ from numpy.typing import NDArray
 
 from ppmc.compile_cache import njit, prange
 
-N_SUMS = 50
+N_SUMS = 51
 POINTS_PER_CELL = 12
 MOST_CELLS = 2_000_000
+MOST_PLATELETS = 200_000  # beyond that the tally a region would cost more than the sums
 
 Array = NDArray[Any]
 
@@ -120,6 +122,8 @@ def _add_moments(s: Array, at: int, w: float, x: float, y: float, z: float) -> N
 @njit(parallel=True)
 def sum_regions(
     rows: Array,
+    platelet: Array,
+    n_platelets: int,
     start: Array,
     low: Array,
     inverse: Array,
@@ -136,6 +140,7 @@ def sum_regions(
     sums = np.zeros((m, N_SUMS))
     for g in prange(m):
         s = np.zeros(N_SUMS)
+        share = np.zeros(n_platelets)
         first = np.zeros(3, dtype=np.int64)
         last = np.zeros(3, dtype=np.int64)
         for d in range(3):
@@ -164,6 +169,8 @@ def sum_regions(
                     s[0] += 1.0
                     s[1] += w
                     s[2] += w * w
+                    if n_platelets > 0:
+                        share[platelet[k]] += w
                     s[3] += w * rows[k, 0]
                     s[4] += w * rows[k, 1]
                     s[5] += w * rows[k, 2]
@@ -171,20 +178,30 @@ def sum_regions(
                         _add_moments(s, 6, w, rows[k, 4], rows[k, 5], rows[k, 6])
                     if rows[k, 7] != 0.0 or rows[k, 8] != 0.0 or rows[k, 9] != 0.0:
                         _add_moments(s, 28, w, rows[k, 7], rows[k, 8], rows[k, 9])
+        for c in range(n_platelets):
+            s[50] += share[c] * share[c]
         for c in range(N_SUMS):
             sums[g, c] = s[c]
     return sums
 
 
 def bin_points(
-    positions: np.ndarray, volume: np.ndarray, fibre_direction: np.ndarray | None, platelet_normal: np.ndarray | None
-) -> tuple[np.ndarray, ...]:
+    positions: np.ndarray,
+    volume: np.ndarray,
+    fibre_direction: np.ndarray | None,
+    platelet_normal: np.ndarray | None,
+    platelet_id: np.ndarray | None = None,
+) -> tuple[Any, ...]:
     """Sort points into a grid of cells.
 
     Returns
     -------
     rows : ndarray, shape (n, 10)
         Position, volume, p, r in cell order.
+    platelet : ndarray, shape (n,) or (0,)
+        Platelets numbered from zero, in cell order; points of none are platelets of their own.
+    n_platelets : int
+        How many; zero where they are not known.
     start : ndarray
         First row of each cell (C order) and one past the last.
     low, inverse, shape : ndarray, shape (3,)
@@ -205,4 +222,18 @@ def bin_points(
     p = none if fibre_direction is None else np.ascontiguousarray(fibre_direction, dtype=np.float64)
     r = none if platelet_normal is None else np.ascontiguousarray(platelet_normal, dtype=np.float64)
     rows = _gather(order, positions, np.ascontiguousarray(volume, dtype=np.float64), p, r)
-    return rows, start, low, inverse, shape
+    platelet, n_platelets = _numbered(platelet_id, order)
+    return rows, platelet, n_platelets, start, low, inverse, shape
+
+
+def _numbered(platelet_id: np.ndarray | None, order: np.ndarray) -> tuple[np.ndarray, int]:
+    if platelet_id is None or not (platelet_id >= 0).any():
+        return np.empty(0, dtype=np.int64), 0
+    ids = platelet_id.astype(np.int64)
+    none = ids < 0
+    if none.any():
+        ids = np.where(none, ids.max() + 1 + np.arange(len(ids)), ids)
+    names, numbers = np.unique(ids, return_inverse=True)
+    if len(names) > MOST_PLATELETS:
+        return np.empty(0, dtype=np.int64), 0
+    return numbers.reshape(-1)[order].astype(np.int64), len(names)

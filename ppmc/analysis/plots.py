@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ppmc.analysis.averages import RegionAverages
 from ppmc.analysis.kinematics import Kinematics
 from ppmc.analysis.paths import InspectionPath
 
@@ -30,10 +29,22 @@ STYLE: Any = {
 
 @dataclass(frozen=True)
 class PathSeries:
-    """Averages of one source along a path, already in the path's components."""
+    """A and N of one source along a path, in the path's components.
+
+    Attributes
+    ----------
+    label : str
+    fibre, normal : ndarray, shape (m, 3, 3)
+        NaN where there is no material.
+    fibre_band, normal_band : ndarray, shape (m, 3, 3), optional
+        Half-width of the band around the line.
+    """
 
     label: str
-    averages: RegionAverages
+    fibre: np.ndarray
+    normal: np.ndarray
+    fibre_band: np.ndarray | None = None
+    normal_band: np.ndarray | None = None
 
 
 def figure(width: float, height: float) -> Figure:
@@ -43,43 +54,32 @@ def figure(width: float, height: float) -> Figure:
     return drawing
 
 
-def plot_path(path: InspectionPath, series: Sequence[PathSeries], normals: bool = True) -> Figure:
-    """Draw the diagonal components of A (and N) along a path, every source in one panel a component.
+def plot_path(path: InspectionPath, series: Sequence[PathSeries]) -> Figure:
+    """Draw the diagonal components of A and N along a path, a panel a component, every source in each.
 
-    The band is plus and minus one standard deviation of the region's own p_i² about the last source; gaps and grey
-    strokes are
-    regions without material.
+    Gaps in a line, and grey strokes at the foot, are regions without material.
     """
     import matplotlib as mpl
 
     with mpl.rc_context(STYLE):
-        rows = 2 if normals else 1
-        drawing = figure(10.5, 3.1 * rows + 0.5)
-        axes = drawing.subplots(rows, 3, sharex=True, sharey=True, squeeze=False)
-        for row, (symbol, tensor, spread) in enumerate(
-            (("A", "fibre_tensor", "fibre_spread"), ("N", "normal_tensor", "normal_spread"))[:rows]
-        ):
+        drawing = figure(10.5, 6.7)
+        axes = drawing.subplots(2, 3, sharex=True, sharey=True)
+        for row, symbol in enumerate("AN"):
             for i in range(3):
                 ax = axes[row, i]
                 for k, s in enumerate(series):
-                    values = getattr(s.averages, tensor)[:, i, i]
-                    style = {"color": COLOURS[k % 8], "linestyle": DASHES[k % 8], "marker": MARKERS[k % 8]}
+                    values = (s.fibre, s.normal)[row][:, i, i]
+                    band = (s.fibre_band, s.normal_band)[row]
+                    style: Any = {"color": COLOURS[k % 8], "linestyle": DASHES[k % 8], "marker": MARKERS[k % 8]}
                     ax.plot(path.coordinate, values, label=s.label, markersize=3, linewidth=1.4, **style)
-                    if k == len(series) - 1:
-                        width = getattr(s.averages, spread)[:, i, i]
-                        ax.fill_between(
-                            path.coordinate,
-                            values - width,
-                            values + width,
-                            color=COLOURS[k % 8],
-                            alpha=0.12,
-                            linewidth=0,
-                        )
-                _mark_empty(ax, path.coordinate, [s.averages for s in series], tensor)
+                    if band is not None:
+                        low, high = values - band[:, i, i], values + band[:, i, i]
+                        ax.fill_between(path.coordinate, low, high, color=COLOURS[k % 8], alpha=0.15, linewidth=0)
+                _mark_empty(ax, path.coordinate, [(s.fibre, s.normal)[row] for s in series])
                 c = path.components[i]
                 ax.set_title(f"{symbol}$_{{{c}{c}}}$", fontsize=10)
                 ax.set_ylim(-0.02, 1.02)
-                if row == rows - 1:
+                if row == 1:
                     ax.set_xlabel(path.coordinate_label)
                 if i == 0:
                     ax.set_ylabel("fibre tensor A [–]" if symbol == "A" else "normal tensor N [–]")
@@ -89,11 +89,11 @@ def plot_path(path: InspectionPath, series: Sequence[PathSeries], normals: bool 
         return drawing
 
 
-def _mark_empty(ax: Any, coordinate: np.ndarray, averages: Sequence[RegionAverages], tensor: str) -> None:
+def _mark_empty(ax: Any, coordinate: np.ndarray, tensors: Sequence[np.ndarray]) -> None:
     """Put grey strokes at the foot where no source has material; say so where nothing is known at all."""
     known = np.zeros(len(coordinate), dtype=bool)
-    for average in averages:
-        known |= np.isfinite(getattr(average, tensor)[:, 0, 0])
+    for tensor in tensors:
+        known |= np.isfinite(tensor[:, 0, 0])
     if not known.any():
         ax.text(0.5, 0.5, "no data", transform=ax.transAxes, ha="center", color="0.4")
     elif not known.all():

@@ -44,7 +44,7 @@ def draw(job: dict[str, Any], folder: Path) -> None:
     plotter.enable_parallel_projection()
     plotter.camera_position = [tuple(centre + 100.0 * np.array(job["direction"])), tuple(centre), (0.0, 0.0, 1.0)]
     plotter.reset_camera(bounds=bounds)
-    plotter.camera.zoom(1.1)
+    plotter.camera.zoom(0.95)
     plotter.screenshot(str(folder / f"{job['number']}.png"))
     plotter.close()
 

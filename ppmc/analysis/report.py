@@ -11,6 +11,7 @@ import numpy as np
 
 from ppmc.analysis.html import Document
 from ppmc.analysis.results import Analysed, Results
+from ppmc.analysis.structural import MappedMesh
 from ppmc.analysis.tables import SIX_INDICES
 from ppmc.analysis.truth import TruthRow
 from ppmc.files import Provenance
@@ -64,6 +65,9 @@ def write_report(
     pictures: Sequence[Picture],
     inputs: Sequence[InputFile],
     own: Provenance,
+    *,
+    mapped: MappedMesh | None = None,
+    movie: bytes | None = None,
 ) -> str:
     """Return the whole report as HTML."""
     page = Document(title, description)
@@ -87,8 +91,15 @@ def write_report(
     figures("Regions")
     page.section("Paths")
     figures("Paths")
+    if results.seeds is not None or results.comparisons:
+        page.section("Other runs")
+        _other_runs(page, results)
     page.section("Views")
     figures("Views")
+    if movie is not None:
+        page.picture(
+            movie, "Filling, p_1² [–] from 0 (dark) to 1 (bright); all particles, start to end.", "filling", "gif"
+        )
     if results.kinematics:
         page.section("Deformation and volume")
         _kinematics(page, results)
@@ -96,6 +107,13 @@ def write_report(
     if results.press_force is not None:
         page.section("Press force")
         figures("Press force")
+    if results.flow_maps is not None:
+        page.section("Filling and knit lines")
+        _knit(page, results)
+        figures("Filling and knit lines")
+    if mapped is not None:
+        page.section("Structural mesh")
+        _mesh(page, mapped)
     rest = list(dict.fromkeys(p.section for p in pictures if p.name not in drawn))
     for section in rest:
         page.section(section)
@@ -248,6 +266,77 @@ def _kinematics(page: Document, results: Results) -> None:
     )
 
 
+def _other_runs(page: Document, results: Results) -> None:
+    if results.seeds is not None:
+        e = results.seeds
+        for symbol, mean, spread in (("A", e.fibre_mean, e.fibre_spread), ("N", e.normal_mean, e.normal_spread)):
+            rows = []
+            for k, region in enumerate(results.regions):
+                values = zip(to_six(mean[k]), to_six(spread[k]), strict=True)
+                cells = [("empty", "none") if np.isnan(m) else f"{m:.4f} ± {s:.4f}" for m, s in values]
+                rows.append([region.name, int(e.filled[k]), *cells])
+            heads = ("region", "runs with material", *(f"{symbol}{i}" for i in SIX_INDICES))
+            page.table(
+                heads,
+                rows,
+                f"{symbol} [–]: mean and standard deviation between {e.runs} runs with different seeds, last state.",
+            )
+    if results.comparisons:
+        page.table(
+            ("run", "overlap [–]", "mean distance [mm]", "99 % below [mm]", "mean angle of p [°]", "99 % below [°]"),
+            [
+                [
+                    c.label, c.difference.overlap, c.difference.distance_mean, c.difference.distance_p99,
+                    c.difference.angle_mean, c.difference.angle_p99,
+                ]
+                for c in results.comparisons
+            ],
+            "The input's last state beside that of other runs: intersection over union of the filled space; "
+            "distance and "
+            "angle between the same particles, where both runs move the same.",
+        )  # fmt: skip
+
+
+def _knit(page: Document, results: Results) -> None:
+    maps = results.flow_maps
+    if maps is None:
+        return
+    n, knit = len(maps.samples), maps.knit
+    if not len(knit):
+        page.text(f"No knit line: none of the {n:,} particles met neighbours that came from elsewhere.")
+        return
+    page.pairs(
+        {
+            "particles at knit lines": f"{len(knit):,} of {n:,}",
+            "fibres across, A_cc, mean [–]": float(knit.crossing.mean()),
+            "lowest tenth below": float(np.percentile(knit.crossing, 10)),
+            "normals across, N_cc, mean [–]": float(knit.normal_across.mean()),
+        }
+    )
+    page.text(
+        "A particle is at a knit line if neighbours within 2.5 spacings started more than 4 spacings from "
+        "where its own "
+        "deformation would have put them. c points across the line; A_cc is the share of fibres along c within "
+        "3 spacings: "
+        "1/3 would be isotropic, 0 means that nothing but resin holds the line."
+    )
+
+
+def _mesh(page: Document, mapped: MappedMesh) -> None:
+    e = mapped.elements
+    page.pairs(
+        {
+            "mesh": mapped.mesh.path.name,
+            "elements": len(e.distance),
+            "types": ", ".join(sorted({kind for kind, _ in mapped.mesh.blocks})),
+            "mean distance to the nearest point [mm]": float(e.distance.mean()),
+            "largest distance [mm]": float(e.distance.max()),
+            "elements without a point of their own": int((e.particle_count == 0).sum()),
+        }
+    )
+    page.text("Element data are in mapped.vtu, element axes for Abaqus in mapped_axes.inp.")
+
+
 def _few(rows: Sequence[Any], most: int = 12) -> list[Any]:
     if len(rows) <= most:
         return list(rows)
@@ -339,5 +428,18 @@ def flat_summary(results: Results) -> Mapping[str, Any]:
             }
             for k in results.kinematics
         ],
+        "comparisons": [
+            {"run": c.label, "overlap": c.difference.overlap, "angle_mean_deg": c.difference.angle_mean}
+            for c in results.comparisons
+        ],
+        "knit_line": None
+        if results.flow_maps is None
+        else {
+            "particles": len(results.flow_maps.knit),
+            "A_across_mean": float(results.flow_maps.knit.crossing.mean()) if len(results.flow_maps.knit) else None,
+            "N_across_mean": float(results.flow_maps.knit.normal_across.mean())
+            if len(results.flow_maps.knit)
+            else None,
+        },
         "notes": results.notes,
     }

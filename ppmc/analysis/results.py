@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ppmc.analysis.averages import RegionAverages, in_frames
+from ppmc.analysis.ensemble import Ensemble, RunDifference
 from ppmc.analysis.kinematics import Kinematics
+from ppmc.analysis.knit import KnitLine
 from ppmc.analysis.paths import InspectionPath
 from ppmc.analysis.regions import Region
+from ppmc.analysis.samples import Samples
 from ppmc.analysis.sources import Source
 from ppmc.analysis.truth import AngleErrors, TruthRow
 
@@ -78,6 +81,46 @@ class PressForce:
     origin: str
 
 
+@dataclass(frozen=True)
+class FlowMaps:
+    """What is known at each particle of a flow's last frame.
+
+    Attributes
+    ----------
+    samples : Samples
+        The last frame with all its fields.
+    spacing : float
+        Distance of neighbours at the start, mm.
+    fill_time : ndarray, shape (n,), or None
+        Time at which each particle's place was first reached, s; None with one frame only.
+    knit : KnitLine
+        Particles at knit lines.
+    """
+
+    samples: Samples
+    spacing: float
+    fill_time: np.ndarray | None
+    knit: KnitLine
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The input's last frame beside that of another run.
+
+    Attributes
+    ----------
+    label : str
+        The other run.
+    difference : RunDifference
+    same_particles : bool
+        Whether both runs move the same particles, so that they can be compared one by one.
+    """
+
+    label: str
+    difference: RunDifference
+    same_particles: bool
+
+
 @dataclass
 class Results:
     """Everything that one analysis found."""
@@ -89,6 +132,10 @@ class Results:
     kinematics: list[Kinematics] = field(default_factory=list)
     truth: TruthComparison | None = None
     press_force: PressForce | None = None
+    flow_maps: FlowMaps | None = None
+    seeds: Ensemble | None = None
+    path_seeds: tuple[Ensemble, ...] = ()
+    comparisons: list[Comparison] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     def path_averages(self, entry: Analysed, k: int) -> RegionAverages:

@@ -67,7 +67,7 @@ class Source:
         kept = []
         for part in self.parts():
             chosen = part if share >= 1.0 else part.select(np.flatnonzero(rng.random(len(part)) < share))
-            kept.append(replace(chosen, fields={}))
+            kept.append(chosen)
         if not kept:
             return Samples(self.label, np.empty((0, 3)), np.empty(0), time=self.time)
         return replace(join(kept, self.label), time=self.time)

@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ppmc.analysis.averages import FOURTH, RegionAverages, fourth_components
+from ppmc.analysis.ensemble import Ensemble
 from ppmc.analysis.kinematics import Kinematics
+from ppmc.analysis.knit import KnitLine
 from ppmc.analysis.paths import InspectionPath
+from ppmc.analysis.results import Comparison
 from ppmc.analysis.truth import TruthRow
 from ppmc.orientation import to_six
 
@@ -33,6 +36,7 @@ def region_table(label: str, time: float | None, averages: RegionAverages) -> pd
         "region": [region.name for region in averages.regions],
         "particle_count": averages.particle_count,
         "effective_count": averages.effective_count,
+        "effective_platelets": averages.effective_platelets,
         "material_volume_mm3": averages.material_volume,
         "region_volume_mm3": averages.region_volume,
         "known_share": averages.known_share,
@@ -140,3 +144,52 @@ def to_json_ready(value: Any) -> Any:
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value
+
+
+def ensemble_table(names: Sequence[str], ensemble: Ensemble) -> pd.DataFrame:
+    """Return one row a region: mean of A and N over the runs and their standard deviation between runs (``sd_``)."""
+    import pandas as pd
+
+    columns: dict[str, Any] = {"region": list(names), "runs": ensemble.runs, "runs_with_material": ensemble.filled}
+    for symbol, mean, spread in (
+        ("A", ensemble.fibre_mean, ensemble.fibre_spread),
+        ("N", ensemble.normal_mean, ensemble.normal_spread),
+    ):
+        for k, index in enumerate(SIX_INDICES):
+            columns[f"{symbol}{index}"] = to_six(mean)[:, k]
+        for k, index in enumerate(SIX_INDICES):
+            columns[f"sd_{symbol}{index}"] = to_six(spread)[:, k]
+    return pd.DataFrame(columns)
+
+
+def comparison_table(comparisons: Sequence[Comparison]) -> pd.DataFrame:
+    """Return one row a run: overlap of the filled space, and distances and angles particle by particle."""
+    import pandas as pd
+
+    return pd.DataFrame(
+        [
+            {
+                "run": c.label,
+                "overlap": c.difference.overlap,
+                "same_particles": c.same_particles,
+                "distance_mean_mm": c.difference.distance_mean,
+                "distance_p99_mm": c.difference.distance_p99,
+                "angle_mean_deg": c.difference.angle_mean,
+                "angle_p99_deg": c.difference.angle_p99,
+            }
+            for c in comparisons
+        ]
+    )
+
+
+def knit_table(positions: np.ndarray, knit: KnitLine) -> pd.DataFrame:
+    """Return one row a particle at a knit line: place, direction across, fibres and normals across."""
+    import pandas as pd
+
+    columns: dict[str, Any] = {"particle": knit.index}
+    for axis in range(3):
+        columns[f"x{axis + 1}_mm"] = positions[knit.index, axis]
+    for axis in range(3):
+        columns[f"across_{axis + 1}"] = knit.across[:, axis]
+    columns |= {"foreign_share": knit.share[knit.index], "A_across": knit.crossing, "N_across": knit.normal_across}
+    return pd.DataFrame(columns)

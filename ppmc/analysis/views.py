@@ -1,4 +1,4 @@
-"""Views of p_i² and r_i²: three panels a state, from VTK where it works, else from matplotlib (J Figs 7 to 10)."""
+"""Clouds of points from outside, coloured by values, panels side by side: by VTK where it works, else matplotlib."""
 
 from __future__ import annotations
 
@@ -12,32 +12,70 @@ from matplotlib.figure import Figure
 
 from ppmc.analysis.plots import figure
 from ppmc.analysis.rendering import PointsView, render
-from ppmc.analysis.samples import Samples
 
 COLOURS = "viridis"
+EYE = (0.9, -1.5, 1.0)
 MATPLOTLIB_POINTS = 15_000
 MOST_CULLING_CELLS = 50_000_000
-SYMBOLS = {"fibre_direction": "p", "platelet_normal": "r"}
+BALL = 0.62  # radius of a ball in spacings: neighbours overlap a little, so that no light falls through
 
 
 @dataclass(frozen=True)
-class SquaresView:
-    """The squares of a direction's components over a whole source.
+class Panel:
+    """One picture of a row.
 
     Attributes
     ----------
-    samples : Samples
-        What to show.
-    name : str
-        ``"fibre_direction"`` or ``"platelet_normal"``.
+    title : str
+        Over the picture.
+    values : ndarray, shape (n,)
+        What the colour shows; NaN hides a point.
+    label : str
+        On the colour bar, with the unit; panels of one label share a bar. Empty: no bar.
+    limits : (float, float)
+        Values at the ends of the colour map.
+    colours : str
+        Name of a colour map.
     """
 
-    samples: Samples
-    name: str
+    title: str
+    values: np.ndarray
+    label: str
+    limits: tuple[float, float] = (0.0, 1.0)
+    colours: str = COLOURS
 
 
-def draw_squares(views: Sequence[SquaresView]) -> tuple[list[Figure], str | None]:
-    """Draw each view as a row of three panels on one common scale.
+@dataclass(frozen=True)
+class CloudView:
+    """A row of pictures of one cloud of points.
+
+    Attributes
+    ----------
+    positions : ndarray, shape (n, 3)
+        mm.
+    spacing : float
+        Distance of neighbours, mm: decides the size of the balls.
+    panels : sequence of Panel
+    bounds : tuple of 6 float, optional
+        Frame to show; around the points if left out.
+    direction : (float, float, float)
+        From the object to the eye.
+    """
+
+    positions: np.ndarray
+    spacing: float
+    panels: Sequence[Panel]
+    bounds: tuple[float, ...] | None = None
+    direction: tuple[float, float, float] = EYE
+
+    @property
+    def frame(self) -> tuple[float, ...]:
+        """The bounds to show."""
+        return self.bounds or cloud_bounds(self.positions, self.spacing)
+
+
+def draw_clouds(views: Sequence[CloudView]) -> tuple[list[Figure], str | None]:
+    """Draw every view as a row of panels.
 
     Returns
     -------
@@ -48,31 +86,31 @@ def draw_squares(views: Sequence[SquaresView]) -> tuple[list[Figure], str | None
     """
     jobs: list[PointsView] = []
     for view in views:
-        seen = outer_points(view.samples.positions, view.samples.spacing)
-        squares, points = _squares(view)[seen], view.samples.positions[seen]
-        bounds = common_bounds([view.samples])
-        radius = 0.62 * view.samples.spacing
-        jobs += [PointsView(points, squares[:, i], radius, (0.0, 1.0), COLOURS, bounds) for i in range(3)]
+        for panel in view.panels:
+            shown = np.flatnonzero(np.isfinite(panel.values))
+            seen = shown[outer_points(view.positions[shown], view.spacing)]
+            points, values = view.positions[seen], panel.values[seen]
+            radius = BALL * view.spacing
+            colour = (panel.limits, panel.colours)
+            jobs.append(PointsView(points, values, radius, *colour, view.frame, view.direction))
     rendered = render(jobs)
-    figures = []
-    for k, view in enumerate(views):
-        images = rendered.images[3 * k : 3 * k + 3]
+    figures, at = [], 0
+    for view in views:
+        images = rendered.images[at : at + len(view.panels)]
+        at += len(view.panels)
         drawn = [image for image in images if image is not None]
-        figures.append(_panels(drawn, SYMBOLS[view.name]) if len(drawn) == 3 else _scatter(view))
+        figures.append(_assemble(view, drawn) if len(drawn) == len(images) else _scatter(view))
     return figures, rendered.reason
 
 
-def common_bounds(samples: Sequence[Samples]) -> tuple[float, ...]:
-    """Return one frame (xmin, xmax, ymin, ymax, zmin, zmax) around sources, half a spacing wider than their points."""
-    lows, highs = [], []
-    for s in samples:
-        if len(s):
-            low, high = s.bounds
-            lows.append(low - 0.5 * s.spacing)
-            highs.append(high + 0.5 * s.spacing)
-    if not lows:
+def cloud_bounds(positions: np.ndarray, spacing: float) -> tuple[float, ...]:
+    """Return (xmin, xmax, ymin, ymax, zmin, zmax) around points, half a spacing wider; unit box if there is none."""
+    if not len(positions):
         return (0.0, 1.0, 0.0, 1.0, 0.0, 1.0)
-    low, high = np.min(lows, axis=0), np.max(highs, axis=0)
+    half = 0.5 * spacing
+    # Rounding keeps the axes' labels short and free of -0.
+    low = np.round(positions.min(axis=0) - half, 3) + 0.0
+    high = np.round(positions.max(axis=0) + half, 3) + 0.0
     return tuple(float(v) for pair in zip(low, high, strict=True) for v in pair)
 
 
@@ -95,48 +133,54 @@ def outer_points(positions: np.ndarray, spacing: float) -> np.ndarray:
     return np.flatnonzero(~hidden[tuple(cells.T)])
 
 
-def _squares(view: SquaresView) -> np.ndarray:
-    direction = getattr(view.samples, view.name)
-    return np.zeros((len(view.samples), 3)) if direction is None else np.asarray(direction) ** 2
+def _assemble(view: CloudView, images: Sequence[bytes]) -> Figure:
+    """Put the pictures side by side with their colour bars."""
+    from matplotlib import image
 
-
-def _panels(images: Sequence[bytes], symbol: str) -> Figure:
-    """Put three pictures side by side with one colour bar."""
-    from matplotlib import colormaps, image
-    from matplotlib.cm import ScalarMappable
-
-    drawing = figure(12.0, 3.5)
-    axes = drawing.subplots(1, 3)
-    for i, ax in enumerate(axes):
-        ax.imshow(image.imread(io.BytesIO(images[i]), format="png"))
+    drawing = figure(4.0 * len(images) + 0.6, 3.5)
+    axes = drawing.subplots(1, len(images), squeeze=False)[0]
+    for panel, ax, png in zip(view.panels, axes, images, strict=True):
+        ax.imshow(image.imread(io.BytesIO(png), format="png"))
         ax.set_axis_off()
-        ax.set_title(f"${symbol}_{i + 1}^2$", fontsize=12)
-    drawing.colorbar(
-        ScalarMappable(cmap=colormaps[COLOURS]), ax=axes, shrink=0.8, label=f"${symbol}_i^2$ [–]", pad=0.01
-    )
+        ax.set_title(panel.title, fontsize=12)
+    _colour_bars(drawing, axes, view.panels)
     return drawing
 
 
-def _scatter(view: SquaresView) -> Figure:
+def _colour_bars(drawing: Figure, axes: Sequence[Any], panels: Sequence[Panel]) -> None:
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    if len({(panel.label, panel.limits) for panel in panels}) == 1:
+        groups = [(panels[0], list(axes))]
+    else:
+        groups = [(panel, [ax]) for panel, ax in zip(panels, axes, strict=True)]
+    for panel, where in groups:
+        if panel.label:
+            colours = ScalarMappable(Normalize(*panel.limits), colormaps[panel.colours])
+            drawing.colorbar(colours, ax=where, shrink=0.75, label=panel.label, pad=0.01)
+
+
+def _scatter(view: CloudView) -> Figure:
     """Draw the same with matplotlib: a thinned cloud."""
-    drawing = figure(12.0, 3.9)
-    n = len(view.samples)
-    chosen = np.random.default_rng(0).permutation(n)[:MATPLOTLIB_POINTS]
-    squares = _squares(view)[chosen]
-    x = view.samples.positions[chosen]
-    extent = np.ptp(x, axis=0) if len(x) else np.ones(3)
-    dots = None
-    for i in range(3):
-        ax: Any = drawing.add_subplot(1, 3, i + 1, projection="3d")
-        dots = ax.scatter(x[:, 0], x[:, 1], x[:, 2], c=squares[:, i], cmap=COLOURS, vmin=0, vmax=1, s=4, linewidths=0)
+    drawing = figure(4.0 * len(view.panels) + 0.6, 3.9)
+    rng = np.random.default_rng(0)
+    axes = []
+    extent = np.ptp(view.positions, axis=0) if len(view.positions) else np.ones(3)
+    for k, panel in enumerate(view.panels):
+        ax: Any = drawing.add_subplot(1, len(view.panels), k + 1, projection="3d")
+        axes.append(ax)
+        shown = rng.permutation(np.flatnonzero(np.isfinite(panel.values)))[:MATPLOTLIB_POINTS]
+        x, low_high = view.positions[shown], {"vmin": panel.limits[0], "vmax": panel.limits[1]}
+        ax.scatter(x[:, 0], x[:, 1], x[:, 2], c=panel.values[shown], cmap=panel.colours, s=4, linewidths=0, **low_high)
         ax.set_box_aspect(np.maximum(extent, 0.05 * extent.max()))
         ax.view_init(elev=30, azim=-60)
-        ax.set_title(f"${SYMBOLS[view.name]}_{i + 1}^2$", fontsize=12)
+        ax.set_title(panel.title, fontsize=12)
         ax.set_xlabel("x1 [mm]", fontsize=8)
         ax.set_ylabel("x2 [mm]", fontsize=8)
         ax.set_zlabel("x3 [mm]", fontsize=8)
         ax.tick_params(labelsize=7)
         ax.locator_params(axis="z", nbins=3)
-    if dots is not None:
-        drawing.colorbar(dots, ax=drawing.axes, shrink=0.7, label=f"${SYMBOLS[view.name]}_i^2$ [–]", pad=0.02)
+    _colour_bars(drawing, axes, view.panels)
     return drawing

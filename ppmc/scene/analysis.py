@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from ppmc.scene.base import Section
-from ppmc.scene.units import Angle, Direction, Length, LengthVector, PositiveLength, PositiveLengthVector
+from ppmc.scene.units import (
+    Angle,
+    Direction,
+    Length,
+    LengthVector,
+    PositiveLength,
+    PositiveLengthVector,
+    PositivePressure,
+)
 
 AxisName = Literal["x1", "x2", "x3"]
 
@@ -253,7 +262,54 @@ PathSection = Annotated[
     Discriminator(_kind_of),
 ]
 
-View = Literal["fibre_direction", "platelet_normal"]
+View = Literal[
+    "fibre_direction", "platelet_normal", "dominant_direction", "platelets", "maps", "fill_time", "knit_line"
+]  # fmt: skip
+
+
+class CutSection(Section):
+    """A plane that opens the part to view; what lies on the normal's side is left out (A Fig 4.4)."""
+
+    point: LengthVector
+    """A point of the plane (mm)."""
+
+    normal: Direction
+    """Towards the viewer."""
+
+
+class LaminaSection(Section):
+    """Elastic constants of a unidirectional platelet, axis 1 along the fibres."""
+
+    axial_modulus: PositivePressure
+    """E1 (Pa)."""
+
+    transverse_modulus: PositivePressure
+    """E2 = E3 (Pa)."""
+
+    axial_poisson_ratio: float = Field(gt=-1, lt=1)
+    """ν12."""
+
+    transverse_poisson_ratio: float = Field(gt=-1, lt=1)
+    """ν23."""
+
+    shear_modulus: PositivePressure
+    """G12 = G13 (Pa)."""
+
+
+class MeshSection(Section):
+    """A structural mesh that receives the directions of the input's last state."""
+
+    path: Path
+    """Mesh file that meshio reads: Abaqus .inp, .vtu, Gmsh .msh, ...; relative to the scene's folder."""
+
+    scale: float = Field(default=1.0, gt=0)
+    """Factor from the file's lengths to mm; 1000 for a mesh in metres."""
+
+    method: Literal["nearest", "average"] = "nearest"
+    """Nearest neighbour (no averaging of vectors, as in the papers), or the conservative average."""
+
+    lamina: LaminaSection | None = None
+    """With it every element also gets its orientation-averaged stiffness."""
 
 
 class AnalysisSection(Section):
@@ -279,8 +335,24 @@ class AnalysisSection(Section):
     A tenth of the specimen's smallest extent if left out.
     """
 
-    views: tuple[View, ...] = ("fibre_direction", "platelet_normal")
-    """Directions whose squared components are drawn, at start and end (J Figs 7 to 10)."""
+    views: tuple[View, ...] = ("fibre_direction", "platelet_normal", "maps", "fill_time", "knit_line")
+    """What is drawn in three dimensions.
+
+    Squares of the components of fibre_direction and platelet_normal at start and end (J Figs 7 to 10); points by
+    dominant_direction (A Fig 4.5); platelets; maps of stretch, shear angle and volume; fill_time; knit_line.
+    """
+
+    cuts: dict[str, CutSection] = Field(default_factory=dict)
+    """Planes that open the last state, with the squares of the fibre direction on view (A Fig 4.4)."""
+
+    animation: bool = False
+    """Draw the filling as a moving picture too (figures/filling.gif)."""
+
+    interactive: bool = False
+    """Write scene.html too: the last state to turn and zoom in a browser, without network."""
+
+    mesh: MeshSection | None = None
+    """Structural mesh to map the directions to."""
 
     view_points: int = Field(default=200_000, ge=1000)
     """Most points drawn in a view; larger files are thinned for the pictures only."""

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
+from ppmc.analysis.rendering import Rendered
 from ppmc.files import Provenance, SeriesWriter, VoxelGrid, write_particles, write_voxels
 from ppmc.orientation import normalise, push_affine, push_normal
+
+
+def blank_pictures(jobs: list[object]) -> Rendered:
+    """Stand in for VTK: rendering has its own test."""
+    stream = io.BytesIO()
+    Image.new("RGB", (8, 6), "white").save(stream, "PNG")
+    return Rendered([stream.getvalue()] * len(jobs))
+
 
 SPACING = 0.5
 SQUEEZE = 0.5

@@ -1,0 +1,211 @@
+"""From opened files to results: which sources there are, their averages, and what only a flow can tell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ppmc.analysis.averages import RegionAverages
+from ppmc.analysis.build import build_path, build_regions, tool_normals
+from ppmc.analysis.ensemble import ensemble, particle_difference
+from ppmc.analysis.fill import cells_around, fill_times, overlap
+from ppmc.analysis.kinematics import Kinematics, kinematics
+from ppmc.analysis.knit import find_knit_lines
+from ppmc.analysis.local import localise, material_normals
+from ppmc.analysis.paths import AXIS_NAMES
+from ppmc.analysis.results import Analysed, Comparison, FlowMaps, Results, press_force
+from ppmc.analysis.samples import Samples
+from ppmc.analysis.sources import Source, charge_source, flow_source, orientations_source, truth_source
+from ppmc.files import ParticleFile, SeriesFile, VoxelFile
+
+if TYPE_CHECKING:
+    from ppmc.scene import Scene
+    from ppmc.scene.analysis import AnalysisSection
+
+FILL_FRAMES = 200
+
+
+@dataclass
+class Opened:
+    """The files of one analysis, open for its length.
+
+    Attributes
+    ----------
+    main : str
+        Product of the input.
+    volume, orientations, charge, flow
+        The chain's files, as far as they are given.
+    compare, seeds : list of (str, SeriesFile)
+        Other runs by label: to show beside the input, and to join with it into statistics.
+    """
+
+    main: str
+    volume: VoxelFile | None = None
+    orientations: VoxelFile | None = None
+    charge: ParticleFile | None = None
+    flow: SeriesFile | None = None
+    compare: list[tuple[str, SeriesFile]] = field(default_factory=list)
+    seeds: list[tuple[str, SeriesFile]] = field(default_factory=list)
+
+
+def gather(scene: Scene, section: AnalysisSection, opened: Opened) -> Results:
+    """Average every source over every region and path, and add what the flow tells."""
+    notes: list[str] = []
+    sources = _sources(opened, section.frames == "all", notes)
+    regions = build_regions(section)
+    known = [s for s in sources if s.count]
+    for s in sources:
+        if not s.count:
+            notes.append(f"{s.title} holds no point with a known direction.")
+    paths = tuple(build_path(name, p, known) for name, p in section.every_path.items()) if known else ()
+    results = Results(regions, paths, [], opened.main, notes=notes)
+    results.analysed = [analyse(source, results) for source in sources]
+    for k, region in enumerate(regions):
+        empty = [e.source.title for e in results.shown if e.source.count and not e.regions.particle_count[k]]
+        if empty:
+            notes.append(f"Region '{region.name}' ({region.describe()}) holds no point of: {'; '.join(empty)}.")
+    seeds = [analyse(_run_source(label, file), results) for label, file in opened.seeds]
+    _add_local_paths(scene, section, results, seeds)
+    if seeds and results.frames:
+        runs = [results.frames[-1], *seeds]
+        results.seeds = ensemble([e.regions for e in runs])
+        results.path_seeds = tuple(
+            ensemble([results.path_averages(e, k) for e in runs]) for k in range(len(results.paths))
+        )
+    if opened.flow is not None:
+        _add_flow(results, opened.flow)
+        results.comparisons = [_compare(opened.flow, label, file) for label, file in opened.compare]
+    return results
+
+
+def analyse(source: Source, results: Results) -> Analysed:
+    """Average one source over the regions and paths of the results, in one go."""
+    every = [*results.regions, *(region for path in results.paths for region in path.regions)]
+    averages = source.averages(every)
+    parts: list[RegionAverages] = []
+    at = len(results.regions)
+    for path in results.paths:
+        parts.append(averages[at : at + len(path)])
+        at += len(path)
+    return Analysed(source, averages[: len(results.regions)], tuple(parts))
+
+
+def truth_links(opened: Opened) -> list[tuple[str, str, Source, bool]]:
+    """Return what follows CT in the comparison: label, note, source, whether the interior is that of the start."""
+    rows: list[tuple[str, str, Source, bool]] = []
+    if opened.charge is not None:
+        rows.append(("charge", "particles in the interior", charge_source(opened.charge), False))
+    if opened.flow is not None:
+        start, end = float(opened.flow.times[0]), float(opened.flow.times[-1])
+        note = "the charge: particles that start in the interior"
+        rows.append((f"flow, t = {start:.4g} s", note, flow_source(opened.flow, 0), True))
+        rows.append((f"flow, t = {end:.4g} s", "the same particles after the flow", flow_source(opened.flow, -1), True))
+    return rows
+
+
+def _sources(opened: Opened, every_frame: bool, notes: list[str]) -> list[Source]:
+    """Return what to average, in the order of the chain."""
+    sources = []
+    if opened.volume is not None:
+        if {"fibre_direction", "platelet_normal"} <= set(opened.volume.names):
+            sources.append(truth_source(opened.volume))
+        else:
+            notes.append("The volume carries no true directions (only phantoms do), so it is left out.")
+    if opened.orientations is not None:
+        sources.append(orientations_source(opened.orientations))
+    if opened.charge is not None:
+        sources.append(charge_source(opened.charge))
+    flow = opened.flow
+    if flow is not None:
+        last = len(flow.times) - 1
+        frames = range(last + 1) if every_frame else sorted({0, last})
+        sources += [flow_source(flow, k) for k in frames]
+        if last == 0:
+            notes.append("The flow file holds one time step only: start and end are the same.")
+        if not flow.complete:
+            notes.append("The flow file is still growing: the run has not come to its end.")
+    sources += [_run_source(label, file) for label, file in opened.compare]
+    return sources
+
+
+def _run_source(label: str, file: SeriesFile) -> Source:
+    """Return the last frame of another run; its product says that it is not the input."""
+    return replace(flow_source(file, -1, label), product="run")
+
+
+def _add_local_paths(scene: Scene, section: AnalysisSection, results: Results, seeds: list[Analysed]) -> None:
+    """Show swept paths in local axes too, with the normal of the tool nearest to the material of each region (D6)."""
+    if not results.shown:
+        return
+    last = results.frames[-1] if results.frames else results.shown[-1]
+    for k, path in enumerate(results.paths):
+        spec = section.every_path[path.name]
+        if spec.kind != "swept" or not spec.local:
+            continue
+        axial = np.eye(3)[AXIS_NAMES.index(spec.along)]
+        normals, origin = tool_normals(scene, last.paths[k].centroid, last.source.time or 0.0), "the nearest tool"
+        if normals is None:
+            third = 3 - AXIS_NAMES.index(spec.along) - AXIS_NAMES.index(spec.sweep)
+            normals = material_normals(last.paths[k].normal_tensor, np.eye(3)[third])
+            origin = "the platelets, as no tool is known"
+        results.paths = (*results.paths, localise(path, normals, axial, origin))
+        for entries in (results.analysed, seeds):
+            entries[:] = [replace(e, paths=(*e.paths, e.paths[k])) for e in entries]
+
+
+def _add_flow(results: Results, flow: SeriesFile) -> None:
+    """Add J and F of every frame, the press force, the fill times and the knit lines."""
+    results.kinematics = [_kinematics_of(flow, k) for k in range(len(flow.times))]
+    results.press_force = press_force(flow.history, flow.times, flow.scalars)
+    if results.press_force is None:
+        results.notes.append("The flow file carries no forces: there is no press-force curve.")
+    if "platelet_normal" not in flow.names and "in_plane_direction" not in flow.names:
+        results.notes.append("The flow file carries neither platelet_normal nor in_plane_direction: N is not known.")
+    source = flow_source(flow, -1)
+    last = next(source.parts())
+    cells = cells_around((last.positions, flow.frame(0, ())["position"]), source.spacing)
+    times = fill_times(_positions(flow), cells, last.positions) if len(flow.times) > 1 else None
+    if last.fibre_direction is None:
+        return
+    knit = find_knit_lines(
+        last.positions,
+        last.fields["reference_position"],
+        source.spacing,
+        last.fibre_direction,
+        last.platelet_normal,
+        last.fields.get("deformation_gradient"),
+    )
+    results.flow_maps = FlowMaps(last, source.spacing, times, knit)
+
+
+def _positions(flow: SeriesFile) -> Iterator[tuple[float, np.ndarray]]:
+    """Yield times and positions, at most `FILL_FRAMES` of them."""
+    for k in np.unique(np.linspace(0, len(flow.times) - 1, FILL_FRAMES).round().astype(int)):
+        yield float(flow.times[k]), flow.frame(int(k), ())["position"]
+
+
+def _kinematics_of(flow: SeriesFile, k: int) -> Kinematics:
+    names = [name for name in ("deformation_gradient", "volume_ratio") if name in flow.names]
+    values = flow.frame(k, names)
+    F, J = values.get("deformation_gradient"), values.get("volume_ratio")
+    return kinematics(flow.times[k], flow.static["volume"], values["position"], F, J)
+
+
+def _compare(flow: SeriesFile, label: str, other: SeriesFile) -> Comparison:
+    """Compare the last frames of two runs: the space they fill, and particle by particle if they are the same."""
+    a, b = (_last(file) for file in (flow, other))
+    cells = cells_around((a.positions, b.positions), max(a.spacing, b.spacing))
+    shared = overlap(cells.occupied(a.positions), cells.occupied(b.positions))
+    same = len(a) == len(b) and np.allclose(a.fields["reference_position"], b.fields["reference_position"], atol=1e-6)
+    p, q = a.fibre_direction, b.fibre_direction
+    if not same or p is None or q is None:
+        nothing = np.empty((0, 3))
+        return Comparison(label, particle_difference((nothing, np.empty((1, 3))), (nothing, nothing), shared), False)
+    return Comparison(label, particle_difference((a.positions, b.positions), (p, q), shared), True)
+
+
+def _last(file: SeriesFile) -> Samples:
+    return next(flow_source(file, -1).parts())

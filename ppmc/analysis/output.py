@@ -1,0 +1,204 @@
+"""Everything an analysis writes: tables, figures, JSON, report, mapped mesh, and at last the analysis file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ppmc.analysis.local import COMPONENTS
+from ppmc.analysis.mapping import abaqus_distribution
+from ppmc.analysis.panels import scalar_maps, squares
+from ppmc.analysis.regions import Region
+from ppmc.analysis.report import InputFile, Picture, flat_summary, write_report
+from ppmc.analysis.results import Results
+from ppmc.analysis.scene_html import scene_page
+from ppmc.analysis.structural import MappedMesh
+from ppmc.analysis.tables import (
+    comparison_table,
+    ensemble_table,
+    fourth_table,
+    kinematics_table,
+    knit_table,
+    path_table,
+    region_table,
+    to_json_ready,
+    truth_table,
+)
+from ppmc.files import Provenance, SeriesWriter, whole_file
+from ppmc.orientation import to_six
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from ppmc.scene import Scene
+    from ppmc.scene.analysis import AnalysisSection
+
+
+def write_results(
+    scene: Scene,
+    section: AnalysisSection,
+    results: Results,
+    pictures: Sequence[Picture],
+    inputs: Sequence[InputFile],
+    own: Provenance,
+    output: Path,
+    *,
+    mapped: MappedMesh | None = None,
+    movie: bytes | None = None,
+) -> None:
+    """Write all results beside `output`; it comes last, so its presence says that everything is there.
+
+    Raises
+    ------
+    StorageError
+        If a file cannot be written.
+    """
+    folder = output.parent
+    tables = result_tables(results)
+    for name, table in tables.items():
+        _write_text(folder / "tables" / f"{name}.csv", table.to_csv(index=False, float_format="%.9g"))
+    for picture in pictures:
+        _write_bytes(folder / "figures" / f"{picture.name}.png", picture.png)
+    if movie is not None:
+        _write_bytes(folder / "figures" / "filling.gif", movie)
+    if mapped is not None:
+        _write_mesh(mapped, folder)
+    if section.interactive and results.frames:
+        _write_scene_page(scene, section, results, folder)
+    summary = {
+        "scene": scene.name,
+        "key": own.key,
+        "inputs": {i.name: i.digest for i in inputs},
+        **flat_summary(results),
+    }
+    _write_text(folder / "analysis.json", json.dumps(to_json_ready(summary), indent=1))
+    title = f"ppmc analysis: {scene.name}"
+    page = write_report(title, scene.description, results, pictures, inputs, own, mapped=mapped, movie=movie)
+    _write_text(folder / "report.html", page)
+    _write_series(results, own, output)
+
+
+def result_tables(results: Results) -> dict[str, pd.DataFrame]:
+    """Return every table of the results by name, as pandas frames."""
+    import pandas as pd
+
+    each = results.analysed
+    tables = {
+        "regions": pd.concat([region_table(e.source.label, e.source.time, e.regions) for e in each]),
+        "fourth_order": pd.concat([fourth_table(e.source.label, e.source.time, e.regions) for e in each]),
+    }
+    if results.paths:
+        tables["paths"] = pd.concat(
+            [
+                path_table(path, e.source.label, e.source.time, results.path_averages(e, k))
+                for e in each
+                for k, path in enumerate(results.paths)
+            ]
+        )
+    if results.kinematics:
+        tables["kinematics"] = kinematics_table(results.kinematics)
+    if results.truth is not None:
+        tables["truth"] = truth_table(results.truth.rows)
+    if results.press_force is not None:
+        force = results.press_force
+        newtons = {f"{tool}_N": f * 1e-6 for tool, f in force.forces.items()}
+        tables["press_force"] = pd.DataFrame({"time_s": force.time, **newtons})
+    if results.seeds is not None:
+        tables["seeds_regions"] = ensemble_table([r.name for r in results.regions], results.seeds)
+        for path, seeds in zip(results.paths, results.path_seeds, strict=True):
+            names = [r.name for r in path.regions]
+            table = ensemble_table(names, seeds)
+            table.insert(1, "coordinate", path.coordinate)
+            tables[f"seeds_path_{path.name}"] = table
+    if results.comparisons:
+        tables["comparisons"] = comparison_table(results.comparisons)
+    if results.flow_maps is not None and len(results.flow_maps.knit):
+        tables["knit_line"] = knit_table(results.flow_maps.samples.positions, results.flow_maps.knit)
+    return tables
+
+
+def _write_text(path: Path, text: str) -> None:
+    _write_bytes(path, text.encode("utf-8"))
+
+
+def _write_bytes(path: Path, data: bytes) -> None:
+    with whole_file(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def _write_mesh(mapped: MappedMesh, folder: Path) -> None:
+    """Write ``mapped.vtu`` with the element data and ``mapped_axes.inp`` with Abaqus' element axes."""
+    import meshio
+
+    data, at = mapped.cell_data(), 0
+    cuts = []
+    for _, cells in mapped.mesh.blocks:
+        cuts.append(slice(at, at + len(cells)))
+        at += len(cells)
+    cell_data = {name: [values[cut] for cut in cuts] for name, values in data.items()}
+    with whole_file(folder / "mapped.vtu") as temporary:
+        meshio.write(
+            temporary, meshio.Mesh(mapped.mesh.points, mapped.mesh.blocks, cell_data=cell_data), file_format="vtu"
+        )
+    numbers = np.arange(1, at + 1)
+    _write_text(folder / "mapped_axes.inp", abaqus_distribution(mapped.elements, numbers))
+
+
+def _write_scene_page(scene: Scene, section: AnalysisSection, results: Results, folder: Path) -> None:
+    source = results.frames[-1].source
+    samples = source.thinned(section.view_points)
+    maps = scalar_maps(samples)
+    if results.flow_maps is not None and len(samples) == len(results.flow_maps.samples):
+        maps = scalar_maps(results.flow_maps.samples)
+    shown = [*squares(samples, "fibre_direction"), *squares(samples, "platelet_normal"), *maps]
+    page = scene_page(f"{scene.name}: {source.title}", samples.positions, source.spacing, shown)
+    _write_text(folder / "scene.html", page)
+
+
+def _write_series(results: Results, own: Provenance, output: Path) -> None:
+    """Write the input's tensors over regions and paths, a frame a time step, as points at the regions' centres."""
+    # A local path has the regions of the path it was made from; the file keeps tool axes and so holds them once.
+    kept = [k for k, path in enumerate(results.paths) if path.components != COMPONENTS]
+    regions: tuple[Region, ...] = (*results.regions, *(r for k in kept for r in results.paths[k].regions))
+    fields = (
+        "fibre_tensor", "normal_tensor", "principal_fibre_direction", "principal_normal_direction",
+        "particle_count", "region_volume",
+    )  # fmt: skip
+    partial = output.with_name(f"{output.stem}.partial{output.suffix}")
+    static = {"region_id": np.arange(len(regions), dtype=np.int32)}
+    writer = SeriesWriter.create(partial, len(regions), static, fields, (), provenance=own, product="analysis")
+    bounded = np.array([np.isfinite(r.lower).any() or np.isfinite(r.upper).any() for r in regions])
+    centres = np.array([r.centre for r in regions])
+    for entry in results.frames:
+        averages = (entry.regions, *(entry.paths[k] for k in kept))
+        centroid = np.concatenate([a.centroid for a in averages])
+        fibre = np.concatenate([a.fibre_tensor for a in averages])
+        normal = np.concatenate([a.normal_tensor for a in averages])
+        inside = ~bounded & np.isfinite(centroid).all(axis=1)
+        writer.append(
+            entry.source.time or 0.0,
+            np.where(inside[:, None], centroid, centres),
+            {
+                "fibre_tensor": to_six(fibre),
+                "normal_tensor": to_six(normal),
+                "principal_fibre_direction": principal_directions(fibre),
+                "principal_normal_direction": principal_directions(normal),
+                "particle_count": np.concatenate([a.particle_count for a in averages]),
+                "region_volume": np.concatenate([a.material_volume for a in averages]),
+            },
+        )
+    names = [region.name for region in regions]
+    writer.seal(output, extra={"region_names": names, "region_descriptions": [r.describe() for r in regions]})
+
+
+def principal_directions(tensor: np.ndarray) -> np.ndarray:
+    """Return the direction of the largest eigenvalue, shape (m, 3), NaN for tensors that are not known."""
+    out = np.full(tensor.shape[:-1], np.nan)
+    known = np.isfinite(tensor).all(axis=(-1, -2))
+    if known.any():
+        out[known] = np.linalg.eigh(tensor[known])[1][..., -1]
+    return out

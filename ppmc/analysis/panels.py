@@ -1,0 +1,64 @@
+"""What a view shows: squares of direction components, dominant direction, platelets, scalar maps of the flow."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ppmc.analysis.kinematics import principal_stretches
+from ppmc.analysis.samples import Samples
+from ppmc.analysis.views import Panel
+
+SYMBOLS = {"fibre_direction": "p", "platelet_normal": "r"}
+HUES = 97
+
+
+def squares(samples: Samples, name: str) -> list[Panel]:
+    """Return p_i² or r_i² as three panels (J Figs 7 to 10); empty if the direction is not known."""
+    direction = getattr(samples, name)
+    if direction is None:
+        return []
+    symbol = SYMBOLS[name]
+    return [Panel(f"${symbol}_{i + 1}^2$", direction[:, i] ** 2, f"${symbol}_i^2$ [–]") for i in range(3)]
+
+
+def dominant(samples: Samples) -> list[Panel]:
+    """Return three panels, each with only the points whose fibre lies nearest to that axis (A Fig 4.5)."""
+    if samples.fibre_direction is None:
+        return []
+    share = samples.fibre_direction**2
+    nearest = np.argmax(share, axis=1)
+    return [
+        Panel(f"nearest to $x_{i + 1}$", np.where(nearest == i, share[:, i], np.nan), "$p_i^2$ [–]") for i in range(3)
+    ]
+
+
+def platelets(samples: Samples) -> list[Panel]:
+    """Return one panel that tells platelets apart by colour; the colour has no other meaning."""
+    ids = samples.platelet_id
+    if ids is None or not (ids >= 0).any():
+        return []
+    hue = (ids.astype(np.int64) * 61 % HUES) / HUES
+    return [Panel("platelets", np.where(ids >= 0, hue, np.nan), "")]
+
+
+def scalar_maps(samples: Samples) -> list[Panel]:
+    """Return panels of the largest principal stretch, the platelet shear angle and J, as far as the file has them."""
+    panels = []
+    F = samples.fields.get("deformation_gradient")
+    if F is not None:
+        largest = principal_stretches(F)[:, 2]
+        panels.append(_panel("largest stretch", largest, "λ1 [–]", floor=1.0))
+    shear = samples.fields.get("shear_angle")
+    if shear is not None:
+        panels.append(_panel("platelet shear angle", np.abs(shear), "|γ| [°]", floor=0.0))
+    J = samples.fields.get("volume_ratio")
+    if J is not None:
+        reach = max(0.01, float(np.percentile(np.abs(J - 1.0), 99.0)))
+        panels.append(Panel("volume ratio", J, "J [–]", (1.0 - reach, 1.0 + reach), "PuOr"))
+    return panels
+
+
+def _panel(title: str, values: np.ndarray, label: str, floor: float) -> Panel:
+    """Return a panel whose colours reach to the 99th percentile, so that a few stray points do not wash it out."""
+    top = float(np.percentile(values, 99.0)) if len(values) else floor
+    return Panel(title, values, label, (floor, max(top, floor + 1e-3)))

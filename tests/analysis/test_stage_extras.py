@@ -1,0 +1,155 @@
+"""Other runs, structural meshes, cuts, moving picture and browser scene through the stage."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pandas as pd
+import pytest
+
+from ppmc.analysis import movie, stage, views
+from ppmc.analysis.stage import run_labels
+from ppmc.analysis.structural import read_mesh
+from ppmc.errors import InputFileError, SceneError
+from ppmc.scene import parse_scene
+from tests.analysis.conftest import Chain, blank_pictures
+
+SCENE = """
+name: more
+analysis:
+  path: {axis: x1, slices: 6}
+  paths:
+    bar: {kind: swept, along: x2, sweep: x1, length: 4 mm, width: 1 mm, points: 8, centre: 4 mm}
+    ring:
+      {kind: circle, centre: [6, 4, 1.5], axis: [0, 0, 1], zero: [1, 0, 0], inner_radius: 1, outer_radius: 3, height: 4}
+    line: {kind: line, points: [[1, 1, 1], [11, 7, 1]], radius: 1.5, steps: 5}
+  views: [fibre_direction, dominant_direction, platelets, maps, fill_time, knit_line]
+  cuts: {middle: {point: [0, 4, 0], normal: [0, -1, 0]}}
+  interactive: true
+  animation: true
+  mesh:
+    path: part.vtu
+    method: average
+    lamina:
+      {axial_modulus: 140 GPa, transverse_modulus: 9 GPa, axial_poisson_ratio: 0.3, transverse_poisson_ratio: 0.4,
+       shear_modulus: 5 GPa}
+"""
+
+
+def bricks(folder: Path) -> Path:
+    """Write a 4 x 3 x 1 mesh of bricks over the squeezed block, with a line block that must be left out."""
+    x, y, z = np.linspace(0, 17, 5), np.linspace(0, 11.3, 4), np.array([0, 1.5])
+    points = np.stack(np.meshgrid(x, y, z, indexing="ij"), -1).reshape(-1, 3)
+
+    def node(i: int, j: int, k: int) -> int:
+        return (i * 4 + j) * 2 + k
+
+    corners = ((0, 0), (1, 0), (1, 1), (0, 1))
+    cells = [[node(i + a, j + b, k) for k in (0, 1) for a, b in corners] for i in range(4) for j in range(3)]
+    path = folder / "part.vtu"
+    meshio.write(path, meshio.Mesh(points, [("line", np.array([[0, 1]])), ("hexahedron", np.array(cells))]))
+    return path
+
+
+@pytest.fixture(scope="module")
+def out(chain: Chain, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("more")
+    bricks(folder)
+    runs = []
+    for name in ("second", "third"):
+        (folder / name).mkdir()
+        runs.append(Path(shutil.copy(chain.flow, folder / name / "flow.vtkhdf")))
+    patch = pytest.MonkeyPatch()
+    for module in (views, movie):
+        patch.setattr(module, "render", blank_pictures)
+    scene = parse_scene(SCENE, folder / "scene.yaml")
+    stage.run(scene, input=chain.flow, output=folder / "out" / "analysis.vtkhdf", compare=runs[:1], seeds=runs)
+    patch.undo()
+    return folder / "out"
+
+
+def test_equal_runs_do_not_differ(out: Path) -> None:
+    table = pd.read_csv(out / "tables" / "comparisons.csv")
+    assert table.run.tolist() == ["second"]
+    assert table.overlap[0] == 1 and table.angle_mean_deg[0] == 0 and table.distance_p99_mm[0] == 0
+    seeds = pd.read_csv(out / "tables" / "seeds_path_path.csv")
+    assert (seeds.runs == 3).all() and seeds.sd_A11.dropna().max() < 1e-12
+    assert "mean of 3 seeds" not in (out / "report.html").read_text()  # it stands in the figure, not in the text
+    assert "3 runs with different seeds" in (out / "report.html").read_text()
+
+
+def test_local_path_stands_beside_the_global_one(out: Path) -> None:
+    table = pd.read_csv(out / "tables" / "paths.csv")
+    assert {"path", "bar", "bar_local", "ring", "line"} == set(table.path)
+    local = table[(table.path == "bar_local") & (table.time_s == 0)]
+    assert (local.components == "a t n").all()
+    plain = table[(table.path == "bar") & (table.time_s == 0)]
+    # Flat part, normals along x3 within the platelets' tilt: axial is x2, transverse x1.
+    assert np.nanmax(np.abs(local.A11.to_numpy() - plain.A22.to_numpy())) < 0.02
+
+
+def test_mapped_mesh_opens_and_holds_everything(out: Path, chain: Chain) -> None:
+    mesh = meshio.read(out / "mapped.vtu")
+    data = {name: values[0] for name, values in mesh.cell_data.items()}
+    assert len(mesh.cells) == 1 and len(data["fibre_direction"]) == 12
+    assert data["particle_count"].sum() == chain.particles
+    assert np.allclose(np.linalg.norm(data["platelet_normal"], axis=1), 1)
+    assert data["stiffness_upper_Pa"].shape == (12, 21)
+    assert (data["moduli_Pa"] > 3e9).all() and (data["moduli_Pa"] < 141e9).all()
+    assert "*ORIENTATION" in (out / "mapped_axes.inp").read_text()
+
+
+def test_browser_scene_holds_its_data(out: Path, chain: Chain) -> None:
+    text = (out / "scene.html").read_text()
+    data = json.loads(re.search(r'type="application/json">(.*?)</script>', text, re.S).group(1))  # type: ignore[union-attr]
+    assert len(base64.b64decode(data["positions"])) == chain.particles * 12
+    assert [p["title"] for p in data["panels"]][:3] == ["p_1^2", "p_2^2", "p_3^2"]
+    assert "http" not in text
+
+
+def test_views_asked_for_are_there(out: Path) -> None:
+    names = {p.stem for p in (out / "figures").iterdir()}
+    assert {"fill_time", "cut_middle_flow_t1", "view_platelets_flow_t1", "view_maps_flow_t1"} <= names
+    assert "No knit line" in (out / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "cannot read|no nodes"),
+        (b"not a mesh at all", "cannot read|no nodes"),
+        (None, "no such mesh"),
+    ],
+)
+def test_bad_meshes_are_refused(content: bytes | None, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "bad.vtu"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputFileError, match=words):
+        read_mesh(path)
+
+
+def test_meshes_without_elements_or_with_nan_are_refused(tmp_path: Path) -> None:
+    meshio.write(tmp_path / "line.vtu", meshio.Mesh(np.zeros((2, 3)), [("line", np.array([[0, 1]]))]))
+    with pytest.raises(InputFileError, match="no solid or shell"):
+        read_mesh(tmp_path / "line.vtu")
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, np.nan, 0]])
+    meshio.write(tmp_path / "nan.vtu", meshio.Mesh(points, [("triangle", np.array([[0, 1, 2]]))]))
+    with pytest.raises(InputFileError, match="not finite"):
+        read_mesh(tmp_path / "nan.vtu")
+
+
+def test_other_runs_need_a_flow(chain: Chain, tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="flow only"):
+        stage.run(parse_scene("name: x"), input=chain.charge, output=tmp_path / "a.vtkhdf", compare=[chain.flow])
+
+
+def test_labels_tell_runs_apart() -> None:
+    assert run_labels([Path("a/flow.vtkhdf"), Path("b/flow.vtkhdf")]) == ["a", "b"]
+    assert run_labels([Path("a/x.vtkhdf"), Path("a/y.vtkhdf")]) == ["a/x", "a/y"]
