@@ -180,33 +180,36 @@ def _part_share(tools, offsets, x, y, z, part):  # type: ignore[no-untyped-def]
     return first * second
 
 
+@njit
+def _cell_share(tools, offsets, x, y, z, step):  # type: ignore[no-untyped-def]
+    """Return the free share of the cell with its middle at x, y, z."""
+    reach = 0.5 * math.sqrt(3.0) * step
+    phi = _clearance(tools, offsets, x, y, z)
+    if phi >= reach:
+        return 1.0
+    if not phi > -reach:
+        return 0.0
+    part = step / PARTS
+    total = 0.0
+    for c in range(PARTS):
+        for b in range(PARTS):
+            for a in range(PARTS):
+                px = x + (a + 0.5) * part - 0.5 * step
+                py = y + (b + 0.5) * part - 0.5 * step
+                pz = z + (c + 0.5) * part - 0.5 * step
+                total += _part_share(tools, offsets, px, py, pz, part)
+    return total / PARTS**3
+
+
 @njit(parallel=True)
 def _free_share(tools, offsets, low, step, cells):  # type: ignore[no-untyped-def]
     """Return the free share of each cell of a grid, shape (nz, ny, nx)."""
-    share = np.zeros((cells[2], cells[1], cells[0]))
-    reach = 0.5 * math.sqrt(3.0) * step
-    part = step / PARTS
+    share = np.empty((cells[2], cells[1], cells[0]))
     for k in prange(cells[2]):
         for j in range(cells[1]):
             for i in range(cells[0]):
                 x = low[0] + (i + 0.5) * step
                 y = low[1] + (j + 0.5) * step
                 z = low[2] + (k + 0.5) * step
-                phi = _clearance(tools, offsets, x, y, z)
-                if phi >= reach:
-                    share[k, j, i] = 1.0
-                elif phi > -reach:
-                    total = 0.0
-                    for c in range(PARTS):
-                        for b in range(PARTS):
-                            for a in range(PARTS):
-                                total += _part_share(
-                                    tools,
-                                    offsets,
-                                    x + (a + 0.5) * part - 0.5 * step,
-                                    y + (b + 0.5) * part - 0.5 * step,
-                                    z + (c + 0.5) * part - 0.5 * step,
-                                    part,
-                                )
-                    share[k, j, i] = total / PARTS**3
+                share[k, j, i] = _cell_share(tools, offsets, x, y, z, step)
     return share

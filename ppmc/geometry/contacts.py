@@ -197,24 +197,38 @@ def _probe(tools, index, offsets, x, y, z, sx, sy, sz, reach, walls):  # type: i
 
 
 @njit
-def _keep(slot, phi, tool, normal, n, value, index, nx, ny, nz):  # type: ignore[no-untyped-def]
-    """Insert a wall into row `slot`, ascending in distance, dropping the furthest when the row is full."""
-    most = phi.shape[1]
-    if n == most and value >= phi[slot, most - 1]:
-        return n
-    place = min(n, most - 1)
-    while place > 0 and phi[slot, place - 1] > value:
-        phi[slot, place] = phi[slot, place - 1]
-        tool[slot, place] = tool[slot, place - 1]
-        for a in range(3):
-            normal[slot, place, a] = normal[slot, place - 1, a]
-        place -= 1
-    phi[slot, place] = value
-    tool[slot, place] = index
-    normal[slot, place, 0] = nx
-    normal[slot, place, 1] = ny
-    normal[slot, place, 2] = nz
-    return min(n + 1, most)
+def _fill_row(tools, offsets, point, reach, tool, phi, normal):  # type: ignore[no-untyped-def]
+    """Write the walls of all tools near a point, ascending in distance, into one row; return how many."""
+    tool[:] = -1
+    phi[:] = math.inf
+    normal[:] = 0.0
+    found = 0
+    for t in range(tools.kind.shape[0]):
+        n, d0, ax, ay, az, d1, bx, by, bz, d2, cx, cy, cz = tool_contacts(
+            tools, t, offsets, point[0], point[1], point[2], reach
+        )
+        for k in range(n):
+            value, nx, ny, nz = d0, ax, ay, az
+            if k == 1:
+                value, nx, ny, nz = d1, bx, by, bz
+            elif k == 2:
+                value, nx, ny, nz = d2, cx, cy, cz
+            if value >= phi[MOST_CONTACTS - 1]:
+                continue
+            found = min(found + 1, MOST_CONTACTS)
+            place = found - 1
+            while place > 0 and phi[place - 1] > value:
+                phi[place] = phi[place - 1]
+                tool[place] = tool[place - 1]
+                for a in range(3):
+                    normal[place, a] = normal[place - 1, a]
+                place -= 1
+            phi[place] = value
+            tool[place] = t
+            normal[place, 0] = nx
+            normal[place, 1] = ny
+            normal[place, 2] = nz
+    return found
 
 
 @njit(parallel=True)
@@ -244,21 +258,10 @@ def find_contacts(tools, offsets, points, reach):  # type: ignore[no-untyped-def
         Unit normal of the wall, into the material.
     """
     n = points.shape[0]
-    count = np.zeros(n, dtype=np.int64)
-    tool = np.full((n, MOST_CONTACTS), -1, dtype=np.int64)
-    phi = np.full((n, MOST_CONTACTS), math.inf)
-    normal = np.zeros((n, MOST_CONTACTS, 3))
+    count = np.empty(n, dtype=np.int64)
+    tool = np.empty((n, MOST_CONTACTS), dtype=np.int64)
+    phi = np.empty((n, MOST_CONTACTS))
+    normal = np.empty((n, MOST_CONTACTS, 3))
     for p in prange(n):
-        found = 0
-        for t in range(tools.kind.shape[0]):
-            walls, d0, ax, ay, az, d1, bx, by, bz, d2, cx, cy, cz = tool_contacts(
-                tools, t, offsets, points[p, 0], points[p, 1], points[p, 2], reach
-            )
-            if walls > 0:
-                found = _keep(p, phi, tool, normal, found, d0, t, ax, ay, az)
-            if walls > 1:
-                found = _keep(p, phi, tool, normal, found, d1, t, bx, by, bz)
-            if walls > 2:
-                found = _keep(p, phi, tool, normal, found, d2, t, cx, cy, cz)
-        count[p] = found
+        count[p] = _fill_row(tools, offsets, points[p], reach, tool[p], phi[p], normal[p])
     return count, tool, phi, normal
