@@ -8,11 +8,20 @@ from ppmc.command import command
 
 
 @command
-def charge(scene: Path, /, *, input: Path | None = None, output: Path | None = None) -> None:
+def charge(
+    scene: Path,
+    /,
+    *,
+    input: Path | None = None,
+    output: Path | None = None,
+    export: list[Path] | None = None,
+    pictures: Path | None = None,
+) -> None:
     """Fill the charge's domain with particles and give each its fibre direction and platelet normal.
 
-    The domain is a box, cylinder, extrusion or closed surface; orientations come from CT (the nearest valid voxel,
-    never interpolated) or from the scene. Lengths are in mm unless the scene gives a unit.
+    The domain is a box, any other solid, a closed surface, or a sheet draped over a tool. Orientations come from CT or
+    a file (the nearest voxel or point, never interpolated), or are made: uniform, planar random, about the normals of
+    regions or of a tool, or random platelets. Lengths are in mm unless the scene gives a unit.
 
     Parameters
     ----------
@@ -22,15 +31,22 @@ def charge(scene: Path, /, *, input: Path | None = None, output: Path | None = N
         Orientations file, for `orientation: {source: ct}`; default runs/<name>/orientations.vtkhdf.
     output : Path, optional
         Charge file to write; default runs/<name>/charge.vtkhdf.
+    export : list of Path, optional
+        Further files for other programs: .csv, .npz, .vtu or Abaqus .inp.
+    pictures : Path, optional
+        Folder for pictures of the charge: top view, cuts with the tools, view in the tool.
 
     Examples
     --------
     ppmc charge configs/demo.yaml
 
     ppmc charge configs/demo.yaml --input scan/orientations.vtkhdf --output charge.vtkhdf
+
+    ppmc charge configs/demo.yaml --export charge.inp --pictures figures
     """
     from ppmc.charge.report import lines
-    from ppmc.charge.stage import run
+    from ppmc.charge.stage import draw, run
+    from ppmc.charge.stage import export as export_charge
     from ppmc.scene import load_scene
     from ppmc.scene.paths import run_paths
 
@@ -41,3 +57,8 @@ def charge(scene: Path, /, *, input: Path | None = None, output: Path | None = N
         input = paths.orientations
     written = run(loaded, input=input, output=output or paths.charge)
     print("\n".join(lines(written)))
+    for path in export or []:
+        print(f"  exported {export_charge(written, path)}")
+    if pictures is not None:
+        for picture in draw(loaded, written, pictures):
+            print(f"  drew {picture}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,16 +11,28 @@ import numpy as np
 
 from ppmc.charge.domain import lattice_of
 from ppmc.charge.drape import drape, flat_sheet, turned
+from ppmc.charge.exchange import read_points, writer_of
+from ppmc.charge.exchange.points import OrientedPoints
 from ppmc.charge.frames import Frames
 from ppmc.charge.from_ct import frames_from_ct
+from ppmc.charge.imported import imported_frames
 from ppmc.charge.lattice import Lattice
 from ppmc.charge.orient import frames_of
+from ppmc.charge.pictures import View, draw_cut, draw_in_tool, draw_top_view
 from ppmc.charge.surface_normals import distance_of, local_frames, regional_frames
 from ppmc.errors import InputFileError, SceneError
-from ppmc.files import Provenance, check_output, read_voxels, write_particles
+from ppmc.files import Provenance, check_output, read_particles, read_voxels, whole_file, write_particles
+from ppmc.geometry.toolset import compile_tools
 from ppmc.orientation import orientation_tensor, to_six
 from ppmc.scene import Scene
-from ppmc.scene.charge import ChargeSection, CtOrientation, DrapedDomain, LocalOrientation, RegionalOrientation
+from ppmc.scene.charge import (
+    ChargeSection,
+    CtOrientation,
+    DrapedDomain,
+    FileOrientation,
+    LocalOrientation,
+    RegionalOrientation,
+)
 
 # Second key of the random generator, so that stages that share the scene's seed draw different numbers.
 STAGE_NUMBER = 3
@@ -95,6 +108,83 @@ def _draped(
     return lattice, turned(_frames(scene, section, sheet, generator, inputs), draped)
 
 
+def export(charge: Path, output: Path) -> Path:
+    """Write the particles of a charge file for another program; the ending chooses the format.
+
+    Parameters
+    ----------
+    charge : Path
+        Charge file.
+    output : Path
+        CSV, NPZ, VTU or Abaqus .inp file to write.
+
+    Raises
+    ------
+    SceneError
+        If the ending is not known, or `output` is the charge file.
+    InputFileError
+        If the charge file is missing or broken.
+    StorageError
+        If the output cannot be written.
+    """
+    write = writer_of(output)
+    check_output(output, [charge])
+    particles = read_particles(charge, "charge")
+    fields = particles.fields
+    points = OrientedPoints(
+        particles.positions,
+        fields["fibre_direction"],
+        fields["platelet_normal"],
+        fields["volume"],
+        fields["platelet_id"],
+    )
+    with whole_file(output) as temporary:
+        write(temporary, points)
+    return output
+
+
+def draw(scene: Scene, charge: Path, folder: Path) -> list[Path]:
+    """Draw a charge: top view, cuts with the tools, and a view in the tool where VTK can draw.
+
+    Parameters
+    ----------
+    scene : Scene
+        For the tools, and the direction from which a draped charge is seen.
+    charge : Path
+        Charge file.
+    folder : Path
+        Folder for the pictures.
+
+    Returns
+    -------
+    list of Path
+        The pictures drawn.
+
+    Raises
+    ------
+    InputFileError
+        If the charge file is missing or broken.
+    StorageError
+        If the folder cannot be written to.
+    """
+    particles = read_particles(charge, "charge")
+    domain = scene.require("charge").domain
+    view = View.against(domain.down) if isinstance(domain, DrapedDomain) else View()
+    tools = compile_tools(scene.tooling, scene.directory) if scene.tooling else None
+    clearance = (lambda points: tools.clearance(points)[0]) if tools is not None else None
+
+    pictures = [folder / f"charge_{name}.png" for name in ("top", "cut", "in_tool")]
+    for picture in pictures:
+        check_output(picture, [charge])
+    draw_top_view(particles, pictures[0], view)
+    draw_cut(particles, pictures[1], view, clearance)
+    reason = draw_in_tool(particles, pictures[2], view, clearance)
+    if reason is not None:
+        print(f"no three-dimensional picture of the charge: {reason}", file=sys.stderr)
+        return pictures[:2]
+    return pictures
+
+
 def summary(lattice: Lattice, frames: Frames) -> dict[str, Any]:
     """Return the figures stored beside the particles, and printed: lattice, totals, orientation tensors, notes."""
     return {
@@ -110,8 +200,10 @@ def summary(lattice: Lattice, frames: Frames) -> dict[str, Any]:
 
 
 def _inputs(scene: Scene, section: ChargeSection, orientations: Path | None) -> list[Path]:
-    """Return the files that the charge is made from: orientations first, then true platelet ids."""
+    """Return the files that orientations come from: orientations first, then true platelet ids."""
     choice = section.orientation
+    if isinstance(choice, FileOrientation):
+        return [scene.locate(choice.file)]
     if not isinstance(choice, CtOrientation):
         return []
     if orientations is None:
@@ -133,6 +225,8 @@ def _frames(
     if isinstance(choice, LocalOrientation):
         distance = distance_of(choice.tool, scene.tooling, scene.directory, "charge.orientation.tool")
         return local_frames(distance, lattice.positions, generator)
+    if isinstance(choice, FileOrientation):
+        return imported_frames(choice, read_points(inputs[0]), lattice.positions)
     if not isinstance(choice, CtOrientation):
         return frames_of(choice, lattice, generator)
     with read_voxels(inputs[0], "orientations") as source:

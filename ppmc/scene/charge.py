@@ -255,13 +255,24 @@ class LocalOrientation(Section):
     """Name of the tool in the scene's `tooling`, at its drawn position."""
 
 
+class FileOrientation(Section):
+    """Directions of the nearest point of a file; never interpolated."""
+
+    source: Literal["file"] = "file"
+    file: Path = Field(examples=["orientations.csv"])
+    """CSV, NPZ, VTU or Abaqus .inp file in tool coordinates, relative to the scene."""
+    search_radius: PositiveLength | None = None
+    """How far the point may lie from the particle; any distance if left out."""
+
+
 OrientationSource = Annotated[
     CtOrientation
     | UniformOrientation
     | PlanarRandomOrientation
     | PlateletsOrientation
     | RegionalOrientation
-    | LocalOrientation,
+    | LocalOrientation
+    | FileOrientation,
     Field(discriminator="source"),
 ]
 

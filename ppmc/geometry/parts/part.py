@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Any
 
 from ppmc.scene.base import Section
@@ -67,9 +68,11 @@ class Part(Section):
 
     def scene_sections(self) -> dict[str, Any]:
         """Return the sections of a scene that the part decides: tooling, the charge's domain, time, inspection."""
-        return {
+        sections = {
             "charge": {"domain": self.charge_domain()},
             "tooling": self.tooling(),
             "solver": {"end_time": self.closing_time},
             "analysis": {"regions": self.regions(), "paths": self.paths()},
         }
+        # Copied, so that YAML shows every list where it is used and no aliases.
+        return json.loads(json.dumps(sections))

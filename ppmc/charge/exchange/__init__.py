@@ -1,0 +1,54 @@
+"""Orientations to and from other programs: CSV, NPZ, VTU and Abaqus .inp, chosen by the file's ending."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from ppmc.charge.exchange import abaqus, csv, npz, vtu
+from ppmc.charge.exchange.points import OrientedPoints, checked
+from ppmc.errors import InputFileError, SceneError
+
+Reader = Callable[[Path], OrientedPoints]
+Writer = Callable[[Path, OrientedPoints], None]
+
+FORMATS: dict[str, tuple[Reader, Writer]] = {
+    ".csv": (csv.read, csv.write),
+    ".npz": (npz.read, npz.write),
+    ".vtu": (vtu.read, vtu.write),
+    ".inp": (abaqus.read, abaqus.write),
+}
+
+
+def read_points(path: Path) -> OrientedPoints:
+    """Read orientations at points.
+
+    Parameters
+    ----------
+    path : Path
+        CSV, NPZ, VTU or Abaqus .inp file.
+
+    Raises
+    ------
+    InputFileError
+        If the file is missing, of no known kind, damaged, or its directions are not usable; naming what is wrong.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in FORMATS:
+        raise InputFileError(f"{path}: orientations are read from {', '.join(FORMATS)}, not '{path.suffix}'")
+    if not path.is_file():
+        raise InputFileError(f"{path}: no such file; relative paths start at the scene's folder")
+    return checked(FORMATS[path.suffix.lower()][0](path), path)
+
+
+def writer_of(path: Path) -> Writer:
+    """Return what writes a file of this ending.
+
+    Raises
+    ------
+    SceneError
+        If the ending is not known.
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise SceneError(f"{path}: a charge is exported to {', '.join(FORMATS)}, not '{path.suffix}'")
+    return FORMATS[path.suffix.lower()][1]
