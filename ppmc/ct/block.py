@@ -110,20 +110,40 @@ def window_tensors(
     margins = tuple(-(-g // 2) for g in gradient)
     grey = read_padded(volume, box, reference)  # type: ignore[arg-type]
     masked = volume.read_mask is not None or not averaged
+    votes = NO_VOTES
+    plane = np.ones([b - a for a, b in spans[1:]], np.float32)
+    vote_z = np.ones(spans[0][1] - spans[0][0], np.float32)
+    inverse = tuple(np.ones(n if averaged else 0, np.float32) for n in counts)[::-1]
     if masked:
         votes = _mask_votes(volume, grey, box, gradient, margins)  # type: ignore[arg-type]
-        vote = tuple(np.ones(b - a, np.float32) for a, b in spans)[::-1]
-        inverse = tuple(np.ones(n if averaged else 0, np.float32) for n in counts)[::-1]
     else:
-        votes = NO_VOTES
-        vote = tuple(edge_votes(n, m, *s) for n, m, s in zip(volume.shape, margins, spans, strict=True))[::-1]
+        vote = [edge_votes(n, m, *s) for n, m, s in zip(volume.shape, margins, spans, strict=True)]
+        vote_z, plane = vote[0], vote[1][:, None] * vote[2][None, :]
         inverse = tuple(
-            _inverse(t, v, n, s) for t, v, n, s in zip(window, vote, counts[::-1], stride[::-1], strict=True)
+            _inverse(t, v, n, s) for t, v, n, s in zip(window, vote[::-1], counts[::-1], stride[::-1], strict=True)
         )
-    out = np.empty((counts[0], counts[1], 7 if masked else 6, counts[2]), np.float32)
-    share = np.zeros(6, np.float32) if noise is None else noise
-    tensor_block(grey, chosen.smooth, chosen.slope, window, vote, votes, inverse, share, stride[::-1], out)
-    return out
+    shape = (counts[0], counts[1], 7 if masked else 6, counts[2])
+    out = np.empty(int(np.prod(shape)), np.float32)
+    rest = (grey.shape[1], grey.shape[2])
+    by_voxel = _laid_out(votes, stride[2], rest) if masked else EMPTY
+    tensor_block(
+        _laid_out(grey, stride[2], rest), grey.shape[1], chosen.smooth, chosen.slope, window,
+        _laid_out(plane[None], stride[2], rest), vote_z, by_voxel, inverse,
+        np.zeros(6, np.float32) if noise is None else noise, stride[::-1], shape, out,
+    )  # fmt: skip
+    return out.reshape(shape)
+
+
+def _laid_out(planes: Floats, phases: int, shape: tuple[int, int]) -> Floats:
+    """Return planes (n, ny, nx) padded to ``shape`` and stored flat as (n, phase of x, y, x) (see the kernel)."""
+    n, ny, nx = planes.shape
+    length = -(-shape[1] // phases)
+    if phases == 1 and (ny, nx) == shape:
+        return planes.ravel()
+    padded = np.zeros((n, shape[0], length * phases), np.float32)
+    padded[:, :ny, :nx] = planes
+    parts = padded.reshape(n, shape[0], length, phases)
+    return np.ascontiguousarray(parts.transpose(0, 3, 1, 2)).ravel()
 
 
 def _inverse(taps: Floats, vote: Floats, count: int, stride: int) -> Floats:

@@ -16,7 +16,7 @@ import numpy as np
 from ppmc.compile_cache import njit
 from ppmc.ct.eigen import smallest_row, solve_row
 
-ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
+ZERO, ONE, TINY = np.float32(0.0), np.float32(1.0), np.float32(1e-30)
 ROUNDING = np.float32(1e-4)
 """Share of the largest eigenvalue below which differences of eigenvalues mean nothing in float32."""
 FLATNESS = np.float32(10.0)
@@ -26,7 +26,7 @@ PARALLEL = np.float32(0.05)
 """Sine below which a normal is too close to p to be made orthogonal to it; the small window's normal serves then."""
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True)
 def interpolate_row(coarse, voxel, start, cell, stride, scratch, out):
     """Interpolate a coarse field (cz, cy, 6, cx) linearly at every ``stride``-th voxel of a row.
 
@@ -73,7 +73,7 @@ def _gather_row(tensors, z, y, x0, step, normal, inverse_h, move, out):
             out[c, i] = tensors[iz, iy, c, ix]
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True)
 def _keep_better(score, best_score, tensor, best):
     for i in range(score.shape[0]):
         if score[i] < best_score[i]:
@@ -82,7 +82,7 @@ def _keep_better(score, best_score, tensor, best):
                 best[c, i] = tensor[c, i]
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True)
 def _press_flat_row(tensor, least, normal):
     """Add to each tensor along r what is left of it along p: a doubtful p is kept in the platelet's plane."""
     for i in range(tensor.shape[1]):
@@ -97,53 +97,75 @@ def _press_flat_row(tensor, least, normal):
 
 
 @njit(nogil=True)
-def _frame_row(
-    small, large, scale, least_energy, least_confidence, fibre, normal, values, confidence, planarity, valid
-):
-    """Write the results of one row: frames orthonormal by construction, eigenvalues in the caller's unit."""
+def _frame_row(small, large, scale, frame):
+    """Turn solved rows (9, n) into rows (11, n): p, r, eigenvalues, linearity, planarity; orthonormal by construction.
+
+    One sign for each axis: p towards +x, r towards +z, so that neighbours look alike.
+    """
+    l1s, l2s, l3s, pxs, pys, pzs, sxs, sys, szs = (
+        small[0], small[1], small[2], small[3], small[4], small[5], small[6], small[7], small[8],
+    )  # fmt: skip
+    m1s, m2s, m3s, rxs, rys, rzs = large[0], large[1], large[2], large[6], large[7], large[8]
+    f0, f1, f2, f3, f4, f5 = frame[0], frame[1], frame[2], frame[3], frame[4], frame[5]
+    f6, f7, f8, f9, f10 = frame[6], frame[7], frame[8], frame[9], frame[10]
     for i in range(small.shape[1]):
-        l1 = max(small[0, i], ZERO)
-        l2 = max(small[1, i], ZERO)
-        l3 = max(small[2, i], ZERO)
-        px, py, pz = small[3, i], small[4, i], small[5, i]
-        rx, ry, rz = large[6, i], large[7, i], large[8, i]
+        px, py, pz = pxs[i], pys[i], pzs[i]
+        rx, ry, rz = rxs[i], rys[i], rzs[i]
         dot = px * rx + py * ry + pz * rz
         rx -= dot * px
         ry -= dot * py
         rz -= dot * pz
-        length = np.sqrt(rx * rx + ry * ry + rz * rz)
-        if length < PARALLEL:
-            rx, ry, rz = small[6, i], small[7, i], small[8, i]
-            dot = px * rx + py * ry + pz * rz
-            rx -= dot * px
-            ry -= dot * py
-            rz -= dot * pz
-            length = np.sqrt(rx * rx + ry * ry + rz * rz)
-        # one sign for each axis: p towards +x, r towards +z, so that neighbours look alike
-        sign = ONE if px > ZERO or (px == ZERO and (py > ZERO or (py == ZERO and pz >= ZERO))) else -ONE
-        fibre[i, 0] = sign * px
-        fibre[i, 1] = sign * py
-        fibre[i, 2] = sign * pz
-        sign = ONE if rz > ZERO or (rz == ZERO and (ry > ZERO or (ry == ZERO and rx >= ZERO))) else -ONE
-        sign /= length
-        normal[i, 0] = sign * rx
-        normal[i, 1] = sign * ry
-        normal[i, 2] = sign * rz
-        values[i, 0] = l1 * scale
-        values[i, 1] = l2 * scale
-        values[i, 2] = l3 * scale
-        linear = (l2 - l1) / (l1 + l2 + ROUNDING * l3) if l3 > ZERO else ZERO
-        confidence[i] = linear
-        m1 = max(large[0, i], ZERO)
-        m2 = max(large[1, i], m1)
-        m3 = max(large[2, i], m2)
-        planarity[i] = (m3 - m2) / (m2 + m3) if m3 > ZERO else ZERO
-        valid[i] = 1 if l1 + l2 + l3 > least_energy and linear >= least_confidence else 0
+        parallel = rx * rx + ry * ry + rz * rz < PARALLEL * PARALLEL
+        rx = sxs[i] if parallel else rx
+        ry = sys[i] if parallel else ry
+        rz = szs[i] if parallel else rz
+        # once more, so that rounding leaves nothing of p
+        dot = px * rx + py * ry + pz * rz
+        rx -= dot * px
+        ry -= dot * py
+        rz -= dot * pz
+        back_p = (px < ZERO) | ((px == ZERO) & ((py < ZERO) | ((py == ZERO) & (pz < ZERO))))
+        back_r = (rz < ZERO) | ((rz == ZERO) & ((ry < ZERO) | ((ry == ZERO) & (rx < ZERO))))
+        sign = -ONE if back_p else ONE
+        f0[i] = sign * px
+        f1[i] = sign * py
+        f2[i] = sign * pz
+        sign = (-ONE if back_r else ONE) / np.sqrt(rx * rx + ry * ry + rz * rz)
+        f3[i] = sign * rx
+        f4[i] = sign * ry
+        f5[i] = sign * rz
+        l1 = max(l1s[i], ZERO)
+        l2 = max(l2s[i], ZERO)
+        l3 = max(l3s[i], ZERO)
+        f6[i] = l1 * scale
+        f7[i] = l2 * scale
+        f8[i] = l3 * scale
+        f9[i] = (l2 - l1) / (l1 + l2 + ROUNDING * l3 + TINY)
+        m1 = max(m1s[i], ZERO)
+        m2 = max(m2s[i], m1)
+        m3 = max(m3s[i], m2)
+        f10[i] = (m3 - m2) / (m2 + m3 + TINY)
+
+
+@njit(nogil=True)
+def _store_row(frame, x0, least_energy, least_confidence, fibre, normal, values, confidence, planarity, valid):
+    """Copy a row of results to the fields; ``valid`` keeps zeros it has on entry."""
+    x0 = np.uint64(x0)
+    for i in range(np.uint64(frame.shape[1])):
+        o = x0 + i
+        for c in range(3):
+            fibre[o, c] = frame[c, i]
+            normal[o, c] = frame[3 + c, i]
+            values[o, c] = frame[6 + c, i]
+        confidence[o] = frame[9, i]
+        planarity[o] = frame[10, i]
+        energetic = frame[6, i] + frame[7, i] + frame[8, i] > least_energy
+        valid[o] &= energetic and frame[9, i] >= least_confidence
 
 
 @njit(nogil=True)
 def orient_block(tensors, corner, step, inverse_h, side_steps, coarse, voxel, stride, start, cell, scale, least_energy,
-                 least_confidence, fibre, normal, values, confidence, planarity, valid):  # fmt: skip
+                 least_confidence, place, count, fibre, normal, values, confidence, planarity, valid):  # fmt: skip
     """Turn the tensors of a block into orientations.
 
     Parameters
@@ -163,21 +185,23 @@ def orient_block(tensors, corner, step, inverse_h, side_steps, coarse, voxel, st
     start, cell : (3,) int64 (x, y, z)
         Voxel in the middle of the first coarse cell, and distance of cells.
     scale, least_energy, least_confidence : float32
-        Unit of the eigenvalues; trace and linearity below which a voxel is invalid.
-    fibre, normal, values : (oz, oy, ox, 3) float32
-    confidence, planarity : (oz, oy, ox) float32
-    valid : (oz, oy, ox) uint8
+        Unit of the eigenvalues; trace (in that unit) and linearity below which a voxel is invalid.
+    place, count : (3,) int64 (x, y, z)
+        Where the block's output begins in the fields, and its number of voxels.
+    fibre, normal, values : (nz, ny, nx, 3) float32
+    confidence, planarity : (nz, ny, nx) float32
+    valid : (nz, ny, nx) uint8
         Filled; ``valid`` keeps zeros it has on entry.
     """
-    oz, oy, ox = valid.shape
+    ox, oy, oz = count
     two_scales = coarse.shape[0] > 0
     best = np.empty((6, ox), np.float32)
     other = np.empty((6, ox), np.float32)
     small = np.empty((9, ox), np.float32)
     large = np.empty((9, ox), np.float32)
+    frame = np.empty((11, ox), np.float32)
     score = np.empty(ox, np.float32)
     best_score = np.empty(ox, np.float32)
-    ok = np.empty(ox, np.uint8)
     scratch = np.empty(coarse.shape[3] if two_scales else 1, np.float32)
     here = voxel.copy()
     for k in range(oz):
@@ -207,11 +231,9 @@ def orient_block(tensors, corner, step, inverse_h, side_steps, coarse, voxel, st
             if two_scales:
                 _press_flat_row(best, best_score, large[6:])
             solve_row(best, small)
-            if not two_scales and side_steps == 0:
-                large[:, :] = small
-            _frame_row(
-                small, large, scale, least_energy, least_confidence, fibre[k, j], normal[k, j], values[k, j],
-                confidence[k, j], planarity[k, j], ok,
+            _frame_row(small, large if two_scales or side_steps > 0 else small, scale, frame)
+            z1, y1 = place[2] + k, place[1] + j
+            _store_row(
+                frame, place[0], least_energy, least_confidence, fibre[z1, y1], normal[z1, y1], values[z1, y1],
+                confidence[z1, y1], planarity[z1, y1], valid[z1, y1],
             )  # fmt: skip
-            for i in range(ox):
-                valid[k, j, i] &= ok[i]

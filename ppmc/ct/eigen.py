@@ -6,6 +6,9 @@ largest of three cross products; the remaining two come from a 2x2 problem in th
 exact when they merge (Eberly, "A robust eigensolver for 3x3 symmetric matrices"). No trigonometry: ``cos(acos(h)/3)``
 is smooth in ``sqrt(1 + h)`` and a polynomial of degree 8 has an error below 1e-8.
 
+No contraction of products and sums (fastmath) here: which product is contracted may differ between a loop's body and
+its remainder, and results would then depend on how a volume is cut into rows.
+
 Never returns NaN and never a vector that is not of unit length: an isotropic (or zero) tensor gives a coordinate axis.
 Component order of a tensor is XX, YY, ZZ, XY, YZ, XZ throughout.
 """
@@ -156,7 +159,7 @@ def eigen_system(xx, yy, zz, xy, yz, xz):
     return mean + scale * e1, mean + scale * e2, mean + scale * e3, px, py, pz, rx, ry, rz
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True)
 def solve_row(tensor, out):
     """Solve a row of tensors: ``tensor`` (6, n) float32 -> ``out`` (9, n): l1, l2, l3, p (3), r (3)."""
     xx, yy, zz, xy, yz, xz = tensor[0], tensor[1], tensor[2], tensor[3], tensor[4], tensor[5]
@@ -174,7 +177,7 @@ def solve_row(tensor, out):
         o8[i] = r[8]
 
 
-@njit(nogil=True, fastmath={"contract"})
+@njit(nogil=True)
 def smallest_row(tensor, out):
     """Write the smallest eigenvalue of a row of tensors (6, n) into ``out`` (n,)."""
     xx, yy, zz, xy, yz, xz = tensor[0], tensor[1], tensor[2], tensor[3], tensor[4], tensor[5]

@@ -13,7 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 CUT = 4.0
-"""Support of every Gaussian in units of its standard deviation (a cut at 3 costs up to 0.09 degrees of bias)."""
+"""Support of the differentiating Gaussian in standard deviations (a cut at 3 costs up to 0.09 degrees of bias)."""
+
+WINDOW_CUT = 3.0
+"""Support of a window in standard deviations; its shape is free, so the longer tail would buy nothing."""
 
 DERIVATIVE_OF_GAUSSIAN_FROM = 0.9
 """Standard deviation (voxels) from which a sampled Gaussian derivative is as good as a fitted one."""
@@ -21,11 +24,11 @@ DERIVATIVE_OF_GAUSSIAN_FROM = 0.9
 Taps = NDArray[np.float32]
 
 
-def gaussian(sigma: float) -> Taps:
+def gaussian(sigma: float, cut: float = CUT) -> Taps:
     """Return normalised Gaussian taps; ``sigma`` in voxels, 0 gives the identity filter."""
     if sigma <= 0.0:
         return np.ones(1, np.float32)
-    return _sampled_gaussian(sigma).astype(np.float32)
+    return _sampled_gaussian(sigma, cut).astype(np.float32)
 
 
 def derivative(sigma: float) -> Taps:
@@ -35,7 +38,7 @@ def derivative(sigma: float) -> Taps:
     smoothing, so the taps are fitted: the derivative's frequency response must be ``i w`` times that of the smoothing,
     up to 0.7 of the Nyquist frequency. Both give exactly 1 on a unit ramp.
     """
-    smooth = _sampled_gaussian(sigma)
+    smooth = _sampled_gaussian(sigma, CUT)
     radius = len(smooth) // 2
     i = np.arange(-radius, radius + 1, dtype=np.float64)
     if sigma >= DERIVATIVE_OF_GAUSSIAN_FROM:
@@ -54,8 +57,8 @@ def cell_box(width: int) -> Taps:
     return np.full(width, 1.0 / width, np.float32)
 
 
-def _sampled_gaussian(sigma: float) -> NDArray[np.float64]:
-    radius = max(1, math.ceil(CUT * sigma))
+def _sampled_gaussian(sigma: float, cut: float) -> NDArray[np.float64]:
+    radius = max(1, math.ceil(cut * sigma))
     i = np.arange(-radius, radius + 1, dtype=np.float64)
     taps = np.exp(-0.5 * (i / sigma) ** 2)
     return np.asarray(taps / taps.sum())

@@ -23,6 +23,7 @@ from ppmc.ct.settings import Settings
 from ppmc.ct.source import Volume
 
 REFERENCE_PLANES = 64
+FIELD_NAMES = ("fibre_direction", "platelet_normal", "eigenvalues", "confidence", "planarity", "valid")
 LEAST_ENERGY = 1e-6
 """Mean squared gradient per squared voxel, in units of the grey values' variance, below which there is no texture."""
 
@@ -126,11 +127,19 @@ def coarse_tensors(job: Job, pool: ThreadPoolExecutor, rows: int = 4) -> Coarse 
     return coarse_grid(smooth_cells(sums, job.chosen, job.spacing), job.chosen, job.volume.shape)
 
 
-def orient(job: Job, box: Box, coarse: Coarse | None) -> dict[str, NDArray[np.generic]]:
-    """Return the orientations of the output voxels of a box of output indices (z, y, x)."""
+def empty_fields(shape: tuple[int, int, int]) -> dict[str, NDArray[Any]]:
+    """Return arrays for the results of some output voxels (nz, ny, nx)."""
+    vectors = {
+        name: np.empty((*shape, 3), np.float32) for name in ("fibre_direction", "platelet_normal", "eigenvalues")
+    }
+    scalars = {name: np.empty(shape, np.float32) for name in ("confidence", "planarity")}
+    return {**vectors, **scalars, "valid": np.ones(shape, np.uint8)}
+
+
+def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[Any]], first: int) -> None:
+    """Find the orientations of a box of output indices (z, y, x); ``fields`` begin at output plane ``first``."""
     k = job.stride
     steps = job.chosen.side_steps
-    counts = tuple(b - a for a, b in box)
     # Displaced windows need tensors between the output voxels.
     step = 1 if steps else k
     inside: Any = tuple(
@@ -141,25 +150,22 @@ def orient(job: Job, box: Box, coarse: Coarse | None) -> dict[str, NDArray[np.ge
     tensors = window_tensors(
         job.volume, job.chosen, job.reference, inside, job.chosen.window, stride=(step,) * 3, noise=job.noise
     )
-    fibre, normal, values = (np.empty((*counts, 3), np.float32) for _ in range(3))
-    confidence, planarity = (np.empty(counts, np.float32) for _ in range(2))
-    valid = np.ones(counts, np.uint8)
+    place = tuple(a - b for (a, _), b in zip(box, (first, 0, 0), strict=True))
+    counts = tuple(b - a for a, b in box)
     if job.volume.read_mask is not None:
         here: Any = tuple(slice(a * k, (b - 1) * k + 1) for a, b in box)
-        valid[...] = job.volume.read_mask(here)[::k, ::k, ::k] != 0
+        part = tuple(slice(a, a + n) for a, n in zip(place, counts, strict=True))
+        fields["valid"][part] = job.volume.read_mask(here)[::k, ::k, ::k] != 0
     start, cell = np.zeros(3, np.int64), np.ones(3, np.int64)
     if coarse is not None:
         start, cell = np.array(coarse.start[::-1]), np.array(coarse.step[::-1])
+    scale = job.reference.unit**2
     orient_block(
         tensors, corner[::-1].copy(), k // step, (1.0 / np.array(job.spacing)).astype(np.float32), steps,
         NO_COARSE if coarse is None else coarse.tensors, np.array([a * k for a, _ in box[::-1]]), k, start, cell,
-        np.float32(job.reference.unit**2), np.float32(LEAST_ENERGY / min(job.spacing) ** 2),
-        np.float32(job.least_confidence), fibre, normal, values, confidence, planarity, valid,
+        np.float32(scale), np.float32(scale * LEAST_ENERGY / min(job.spacing) ** 2), np.float32(job.least_confidence),
+        np.array(place[::-1]), np.array(counts[::-1]), *(fields[name] for name in FIELD_NAMES),
     )  # fmt: skip
-    return {
-        "fibre_direction": fibre, "platelet_normal": normal, "eigenvalues": values,
-        "confidence": confidence, "planarity": planarity, "valid": valid,
-    }  # fmt: skip
 
 
 def orientations(job: Job, threads: int, planes: int = 32, rows: int = 64) -> Iterator[Block]:
@@ -170,5 +176,6 @@ def orientations(job: Job, threads: int, planes: int = 32, rows: int = 64) -> It
         for first in range(0, nz, planes):
             last = min(first + planes, nz)
             boxes: list[Box] = [((first, last), (y, min(y + rows, ny)), (0, nx)) for y in range(0, ny, rows)]
-            parts = list(pool.map(lambda box: orient(job, box, coarse), boxes))
-            yield Block(first, {name: np.concatenate([p[name] for p in parts], axis=1) for name in parts[0]})
+            fields = empty_fields((last - first, ny, nx))
+            list(pool.map(lambda box, f=fields, z=first: orient(job, box, coarse, f, z), boxes))
+            yield Block(first, fields)

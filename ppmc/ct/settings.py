@@ -111,7 +111,9 @@ def settings(section: CtSection, spacing: Triple, shape: tuple[int, int, int], t
         normal_window=(normal, normal, normal) if two_scales else None,
         smooth=_three([filters.gaussian(s) for s in fine]),
         slope=_three([s.astype(np.float32) for s in slope]),
-        window=_three([filters.gaussian(float(w / step)) for w, step in zip(fibre, h, strict=True)]),
+        window=_three(
+            [filters.gaussian(float(w / step), filters.WINDOW_CUT) for w, step in zip(fibre, h, strict=True)]
+        ),
         cell=cells,  # type: ignore[arg-type]
         side_steps=section.side_steps if section.side_steps is not None else (1 if thickness else 0),
     )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ppmc.ct.orientations import Job, grey_reference, orientations, threads_of
+from ppmc.ct.orientations import FIELD_NAMES, Job, grey_reference, orientations, threads_of
 from ppmc.ct.phantom import Phantom
 from ppmc.ct.registration import registered
 from ppmc.ct.settings import settings
@@ -23,8 +23,6 @@ from ppmc.scene.ct import VolumeSource
 if TYPE_CHECKING:
     from ppmc.scene import Scene
     from ppmc.scene.ct import CtSection
-
-FIELD_NAMES = ("fibre_direction", "platelet_normal", "eigenvalues", "confidence", "planarity", "valid")
 
 
 def make_phantom(scene: Scene, output: Path) -> Path:
