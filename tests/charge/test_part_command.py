@@ -1,0 +1,55 @@
+"""The command `ppmc part`: scenes that load, meshes that read, settings that are checked."""
+
+import meshio
+import pytest
+
+from ppmc.errors import SceneError
+from ppmc.geometry.parts import PARTS
+from ppmc.geometry.parts.cli import part
+from ppmc.geometry.parts.scene_text import make_part, scene_text
+from ppmc.scene.loader import load_scene, parse_scene
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_scene_of_a_part_loads_whole(name):
+    made = PARTS[name]()
+    scene = parse_scene(scene_text(made, name, 2.0))
+    assert scene.name == name
+    assert scene.solver.end_time == pytest.approx(made.closing_time)
+    assert scene.tooling and scene.charge and scene.material and scene.analysis.regions
+    moving = [t for t in scene.tooling.values() if hasattr(t.motion, "velocity")]
+    assert len(moving) == 1 and moving[0].motion.travel == pytest.approx(made.stroke)
+
+
+def test_command_writes_scene_and_mesh(tmp_path, capsys):
+    command = [
+        "pin_bracket",
+        "--set",
+        "hole_diameter=0.375 inch",
+        "--set",
+        "flanges=minus",
+        "--set",
+        "flange_thickness=10",
+    ]
+    command += ["--output", str(tmp_path / "small.yaml"), "--mesh", str(tmp_path / "small.vtu"), "--mesh-size", "4"]
+    part(command, result_action="return_value")
+    scene = load_scene(tmp_path / "small.yaml")
+    assert scene.name == "small" and scene.tooling["pin"].radius == pytest.approx(4.7625)
+    assert set(scene.tooling) == {"mould", "core_1", "core_2", "pin", "ram"}
+    assert meshio.read(tmp_path / "small.vtu").cells[0].type == "hexahedron"
+    assert "bricks" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "message"),
+    [
+        ("bracket", [], "no part 'bracket'; there are pin_bracket"),
+        ("pin_bracket", ["hole=3"], "has no dimension 'hole'; it has closing_speed, length"),
+        ("pin_bracket", ["hole_diameter=3 s"], "pin_bracket.hole_diameter: .*wrong dimension"),
+        ("pin_bracket", ["hole_diameter=50"], "does not fit a width"),
+        ("plaque", ["length"], "write key=value"),
+    ],
+)
+def test_bad_settings(name, settings, message):
+    with pytest.raises(SceneError, match=message):
+        make_part(name, settings)
