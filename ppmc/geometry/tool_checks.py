@@ -19,6 +19,7 @@ FloatArray = NDArray[np.float64]
 OPPOSED = -0.9
 SAMPLES_ALONG = 12
 INSTANTS = 4
+MOST_KNOTS = 50
 
 
 @dataclass(frozen=True)
@@ -64,11 +65,13 @@ def tool_gaps(tools: ToolSet, low: ArrayLike, high: ArrayLike, end_time: float) 
     points = np.ascontiguousarray(np.array(np.meshgrid(*axes, indexing="ij")).reshape(3, -1).T, dtype=float)
     smallest: dict[tuple[int, int], Gap] = {}
     planes = tools.arrays.kind == PLANE
-    for time in _instants(tools, end_time):
+    times = _instants(tools, end_time)
+    paths = np.array([tools.offsets(t) for t in times])
+    for time in times:
         phi, normals = signed_distances(tools.arrays, tools.offsets(time), points)
         for i in range(len(tools)):
             for j in range(i + 1, len(tools)):
-                if not (planes[i] and planes[j]) and not _approach(tools, i, j, end_time):
+                if not (planes[i] and planes[j]) and np.ptp(paths[:, i] - paths[:, j], axis=0).max() == 0.0:
                     continue
                 facing = np.einsum("nc,nc->n", normals[i], normals[j]) < OPPOSED
                 if not facing.any():
@@ -136,17 +139,10 @@ def check_charge_clear(tools: ToolSet, points: ArrayLike, tolerance: float = 1e-
 
 
 def _instants(tools: ToolSet, end_time: float) -> list[float]:
-    """Return the times to look at: start, end, each change of a motion, and some between."""
+    """Return the times to look at: start, end, each change of a motion (of many, some) and some between."""
     knots = [0.0]
     while (later := tools.next_break(knots[-1])) < end_time:
         knots.append(later)
-    knots.append(end_time)
-    between = [np.linspace(a, b, INSTANTS + 1)[:-1] for a, b in pairwise(knots) if b > a]
+    knots = knots[:: 1 + len(knots) // MOST_KNOTS]
+    between = [np.linspace(a, b, INSTANTS + 1)[:-1] for a, b in pairwise([*knots, end_time]) if b > a]
     return [float(t) for t in np.concatenate([*between, [end_time]])]
-
-
-def _approach(tools: ToolSet, i: int, j: int, end_time: float) -> bool:
-    """Tell whether two tools ever move relative to each other."""
-    paths = np.array([tools.offsets(t)[[i, j]] for t in _instants(tools, end_time)])
-    relative = paths[:, 0] - paths[:, 1]
-    return bool(np.ptp(relative, axis=0).max() > 0.0)

@@ -111,6 +111,12 @@ class NavierFriction(Section):
     """Wall friction coefficient, Pa s/mm."""
 
 
+Wall = Annotated[
+    Annotated[Literal["slip", "no_slip"], Tag("law")] | Annotated[NavierFriction, Tag("friction")],
+    Discriminator(lambda value: "law" if isinstance(value, str) else "friction"),
+]
+
+
 class Rotation(Section):
     """A turn about an axis through the tool's own centre or origin."""
 
@@ -125,7 +131,7 @@ class ToolBase(Section):
 
     motion: Motion = Field(default_factory=FixedMotion, examples=[{"velocity": [0, 0, "-3.55 mm/s"]}])
     """How the tool moves: nothing (fixed), `velocity`, `times` with `displacements`, or `force`."""
-    wall: Literal["slip", "no_slip"] | NavierFriction = Field(default="slip", examples=["slip"])
+    wall: Wall = Field(default="slip", examples=["slip"])
     """Wall law: `slip` (no traction along the wall), `no_slip`, or `{friction: ...}` (Navier)."""
 
 
@@ -309,7 +315,23 @@ def _check_normal(axis: tuple[float, float, float], other: tuple[float, float, f
 
 SolidTool = BoxTool | RoundedBoxTool | CylinderTool | ExtrusionTool | RevolutionTool | MeshTool
 
+
+def _shape_of(value: Any) -> Any:
+    """Return the shape a tool says it has."""
+    return value.get("shape") if isinstance(value, dict) else getattr(value, "shape", None)
+
+
 Tool = Annotated[
-    PlaneTool | BoxTool | RoundedBoxTool | CylinderTool | ExtrusionTool | RevolutionTool | MeshTool,
-    Field(discriminator="shape"),
+    Annotated[PlaneTool, Tag("plane")]
+    | Annotated[BoxTool, Tag("box")]
+    | Annotated[RoundedBoxTool, Tag("rounded_box")]
+    | Annotated[CylinderTool, Tag("cylinder")]
+    | Annotated[ExtrusionTool, Tag("extrusion")]
+    | Annotated[RevolutionTool, Tag("revolution")]
+    | Annotated[MeshTool, Tag("mesh")],
+    Discriminator(
+        _shape_of,
+        custom_error_type="tool_shape",
+        custom_error_message="set `shape` to plane, box, rounded_box, cylinder, extrusion, revolution or mesh",
+    ),
 ]

@@ -79,7 +79,7 @@ def test_an_endless_shape_cannot_be_filled() -> None:
 def test_cavity_of_a_squeeze_in_a_box(make_tools: Callable[..., ToolSet]) -> None:
     tools = make_tools({"low": LOW, "ram": RAM, "sides": SIDES})
     for time, height in ((0.0, 6.0), (1.0, 3.0), (1.5, 1.5)):
-        found = cavity_volume(tools, [[10, 5, 0.5]], time)
+        found = cavity_volume(tools, [[10, 5, 0.5]], time, spacing=0.5)
         assert found.closed
         assert found.volume == pytest.approx(200 * height, rel=1e-3)
 

@@ -79,7 +79,7 @@ def test_moving_a_tool_moves_its_distance(tools: ToolSet, cloud: np.ndarray) -> 
         ({"motion": {"speed": 5}}, "speed"),
         ({"wall": "sticky"}, "no_slip"),
         ({"wall": {"friction": -1}}, "greater than 0"),
-        ({"shape": "wedge"}, "does not match any of the expected tags"),
+        ({"shape": "wedge"}, "set `shape` to plane, box"),
         ({"shape": "box", "center": [0, 0, 0], "size": [1, 0, 1]}, "greater than 0"),
         ({"normal": [0, 0, 0]}, "zero vector"),
     ],
