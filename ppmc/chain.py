@@ -178,8 +178,9 @@ def run_chain(
     for link in chain:
         if not force and is_current(link, scene):
             print(f"{link.name}: unchanged, {link.output} is kept", file=sys.stderr)
+            # Tools that go by the time of files ask for one stage, and must see that it was looked at.
             if only is not None:
-                link.output.touch()  # tools that go by the time of files ask for one stage, and see that it was looked at
+                link.output.touch()
             continue
         print(f"{link.name}: writing {link.output}", file=sys.stderr)
         link.start()
