@@ -5,10 +5,11 @@ This package knows no physics; `fields` has the tables, everything else follows 
 
 from ppmc.files.fields import FIELDS, Field
 from ppmc.files.grid import VoxelGrid
+from ppmc.files.growing import SeriesWriter
 from ppmc.files.guard import product_of
 from ppmc.files.particles import ParticleFile, read_particles, write_particles
 from ppmc.files.provenance import Provenance, file_digest
-from ppmc.files.series import SeriesFile, SeriesWriter, open_series
+from ppmc.files.series import SeriesFile, open_series
 from ppmc.files.state import read_state, write_state
 from ppmc.files.storage import check_output, whole_file
 from ppmc.files.voxels import VoxelFile, VoxelWriter, read_voxels, write_voxels
