@@ -16,6 +16,7 @@ import numpy as np
 from ppmc.compile_cache import njit
 from ppmc.ct.eigen import smallest_row, solve_row
 
+U = np.uint64
 ZERO, ONE, TINY = np.float32(0.0), np.float32(1.0), np.float32(1e-30)
 ROUNDING = np.float32(1e-4)
 """Share of the largest eigenvalue below which differences of eigenvalues mean nothing in float32."""
@@ -27,140 +28,166 @@ PARALLEL = np.float32(0.05)
 
 
 @njit(nogil=True)
-def interpolate_row(coarse, voxel, start, cell, stride, scratch, out):
-    """Interpolate a coarse field (cz, cy, 6, cx) linearly at every ``stride``-th voxel of a row.
+def _cells_of_row(first, stride, start, cell, cells, count):
+    """Return the lower cell of every ``stride``-th voxel from ``first`` on, and the share of the upper one.
 
-    ``voxel`` (x, y, z) is the row's first voxel, ``start`` the voxel in the middle of the first cell, ``cell`` the
-    distance of cells; all integers, so that a position does not depend on where a block begins.
+    All from integers, so that a position does not depend on where a block begins.
+    """
+    lower = np.empty(count, np.uint64)
+    share = np.empty(count, np.float32)
+    for i in range(count):
+        x = np.float32(first + i * stride - start) / np.float32(cell)
+        x = min(max(x, ZERO), np.float32(cells - 1))
+        lower[i] = min(int(x), max(cells - 2, 0))
+        share[i] = x - np.float32(lower[i])
+    return lower, share
+
+
+@njit(nogil=True)
+def interpolate_row(coarse, k, a, j, b, lower, share, scratch, out):
+    """Interpolate a coarse field (cz, cy, 6, cx) linearly along a row.
+
+    Between planes k and k + 1 with share ``a`` of the latter, likewise rows j and cells ``lower``.
     """
     cz, cy, cx = coarse.shape[0], coarse.shape[1], coarse.shape[3]
-    z = min(max(np.float32(voxel[2] - start[2]) / np.float32(cell[2]), ZERO), np.float32(cz - 1))
-    y = min(max(np.float32(voxel[1] - start[1]) / np.float32(cell[1]), ZERO), np.float32(cy - 1))
-    k = min(int(z), max(cz - 2, 0))
-    j = min(int(y), max(cy - 2, 0))
-    k1 = min(k + 1, cz - 1)
-    j1 = min(j + 1, cy - 1)
-    a = z - np.float32(k)
-    b = y - np.float32(j)
-    last = np.float32(cx - 1)
-    width = np.float32(cell[0])
+    k1, j1, next_ = min(k + U(1), U(cz - 1)), min(j + U(1), U(cy - 1)), U(1 if cx > 1 else 0)
     for c in range(6):
         low, low1 = coarse[k, j, c], coarse[k, j1, c]
         high, high1 = coarse[k1, j, c], coarse[k1, j1, c]
         for i in range(cx):
             scratch[i] = (ONE - a) * ((ONE - b) * low[i] + b * low1[i]) + a * ((ONE - b) * high[i] + b * high1[i])
-        for i in range(out.shape[1]):
-            x = min(max(np.float32(voxel[0] + i * stride - start[0]) / width, ZERO), last)
-            m = min(int(x), max(cx - 2, 0))
-            n = min(m + 1, cx - 1)
-            f = x - np.float32(m)
-            out[c, i] = (ONE - f) * scratch[m] + f * scratch[n]
+        n = U(lower.shape[0])
+        o = U(c) * n
+        for i in range(n):
+            m = lower[i]
+            out[o + i] = (ONE - share[i]) * scratch[m] + share[i] * scratch[m + next_]
+
+
+@njit(nogil=True)
+def _copy_row(row, first, step, out):
+    for i in range(U(out.shape[0])):
+        out[i] = row[U(first) + i * U(step)]
 
 
 @njit(nogil=True)
 def _gather_row(tensors, z, y, x0, step, normal, inverse_h, move, out):
     """Copy the tensors that lie ``move`` voxels along the normal; its largest component moves by whole voxels."""
     nz, ny, nx = tensors.shape[0], tensors.shape[1], tensors.shape[3]
-    for i in range(out.shape[1]):
-        ax = normal[0, i] * inverse_h[0]
-        ay = normal[1, i] * inverse_h[1]
-        az = normal[2, i] * inverse_h[2]
+    n = normal.shape[0] // 3
+    for i in range(n):
+        ax = normal[i] * inverse_h[0]
+        ay = normal[n + i] * inverse_h[1]
+        az = normal[2 * n + i] * inverse_h[2]
         scale = move / max(abs(ax), max(abs(ay), abs(az)))
-        ix = min(max(x0 + i * step + int(np.rint(scale * ax)), 0), nx - 1)
-        iy = min(max(y + int(np.rint(scale * ay)), 0), ny - 1)
-        iz = min(max(z + int(np.rint(scale * az)), 0), nz - 1)
+        ix = U(min(max(x0 + i * step + int(np.rint(scale * ax)), 0), nx - 1))
+        iy = U(min(max(y + int(np.rint(scale * ay)), 0), ny - 1))
+        iz = U(min(max(z + int(np.rint(scale * az)), 0), nz - 1))
         for c in range(6):
-            out[c, i] = tensors[iz, iy, c, ix]
+            out[U(c * n + i)] = tensors[iz, iy, U(c), ix]
 
 
 @njit(nogil=True)
 def _keep_better(score, best_score, tensor, best):
-    for i in range(score.shape[0]):
-        if score[i] < best_score[i]:
-            best_score[i] = score[i]
-            for c in range(6):
-                best[c, i] = tensor[c, i]
+    n = U(score.shape[0])
+    for c in range(6):
+        o = U(c) * n
+        for i in range(n):
+            best[o + i] = tensor[o + i] if score[i] < best_score[i] else best[o + i]
+    for i in range(n):
+        best_score[i] = min(score[i], best_score[i])
 
 
 @njit(nogil=True)
 def _press_flat_row(tensor, least, normal):
     """Add to each tensor along r what is left of it along p: a doubtful p is kept in the platelet's plane."""
-    for i in range(tensor.shape[1]):
-        x, y, z = normal[0, i], normal[1, i], normal[2, i]
+    n = U(least.shape[0])
+    for i in range(n):
+        x, y, z = normal[i], normal[n + i], normal[U(2) * n + i]
         press = FLATNESS * max(least[i], ZERO)
-        tensor[0, i] += press * x * x
-        tensor[1, i] += press * y * y
-        tensor[2, i] += press * z * z
-        tensor[3, i] += press * x * y
-        tensor[4, i] += press * y * z
-        tensor[5, i] += press * x * z
+        tensor[i] += press * x * x
+        tensor[n + i] += press * y * y
+        tensor[U(2) * n + i] += press * z * z
+        tensor[U(3) * n + i] += press * x * y
+        tensor[U(4) * n + i] += press * y * z
+        tensor[U(5) * n + i] += press * x * z
 
 
 @njit(nogil=True)
-def _frame_row(small, large, scale, frame):
-    """Turn solved rows (9, n) into rows (11, n): p, r, eigenvalues, linearity, planarity; orthonormal by construction.
+def _axis_row(row, first, lead_order, out, o):
+    """Copy unit vectors from component ``first`` of a row on, the leading component that is not zero made positive."""
+    n = U(row.shape[0] // 9)
+    x, y, z = U(first) * n, U(first + 1) * n, U(first + 2) * n
+    a, b, c = (x, y, z) if lead_order > 0 else (z, y, x)
+    ox, oy, oz = U(o) * n, U(o + 1) * n, U(o + 2) * n
+    for i in range(n):
+        lead = row[b + i] if row[b + i] != ZERO else row[c + i]
+        lead = row[a + i] if row[a + i] != ZERO else lead
+        sign = -ONE if lead < ZERO else ONE
+        out[ox + i] = sign * row[x + i]
+        out[oy + i] = sign * row[y + i]
+        out[oz + i] = sign * row[z + i]
 
-    One sign for each axis: p towards +x, r towards +z, so that neighbours look alike.
-    """
-    l1s, l2s, l3s, pxs, pys, pzs, sxs, sys, szs = (
-        small[0], small[1], small[2], small[3], small[4], small[5], small[6], small[7], small[8],
-    )  # fmt: skip
-    m1s, m2s, m3s, rxs, rys, rzs = large[0], large[1], large[2], large[6], large[7], large[8]
-    f0, f1, f2, f3, f4, f5 = frame[0], frame[1], frame[2], frame[3], frame[4], frame[5]
-    f6, f7, f8, f9, f10 = frame[6], frame[7], frame[8], frame[9], frame[10]
-    for i in range(small.shape[1]):
-        px, py, pz = pxs[i], pys[i], pzs[i]
-        rx, ry, rz = rxs[i], rys[i], rzs[i]
+
+@njit(nogil=True)
+def _orthogonal_row(small, large):
+    """Make the normals of ``large`` orthogonal to p of ``small``; where they are parallel to it, take ``small``'s."""
+    n = U(small.shape[0] // 9)
+    n3, n4, n5, n6, n7, n8 = U(3) * n, U(4) * n, U(5) * n, U(6) * n, U(7) * n, U(8) * n
+    for i in range(n):
+        px, py, pz = small[n3 + i], small[n4 + i], small[n5 + i]
+        rx, ry, rz = large[n6 + i], large[n7 + i], large[n8 + i]
+        sx, sy, sz = small[n6 + i], small[n7 + i], small[n8 + i]
         dot = px * rx + py * ry + pz * rz
         rx -= dot * px
         ry -= dot * py
         rz -= dot * pz
         parallel = rx * rx + ry * ry + rz * rz < PARALLEL * PARALLEL
-        rx = sxs[i] if parallel else rx
-        ry = sys[i] if parallel else ry
-        rz = szs[i] if parallel else rz
+        rx = sx if parallel else rx
+        ry = sy if parallel else ry
+        rz = sz if parallel else rz
         # once more, so that rounding leaves nothing of p
         dot = px * rx + py * ry + pz * rz
         rx -= dot * px
         ry -= dot * py
         rz -= dot * pz
-        back_p = (px < ZERO) | ((px == ZERO) & ((py < ZERO) | ((py == ZERO) & (pz < ZERO))))
-        back_r = (rz < ZERO) | ((rz == ZERO) & ((ry < ZERO) | ((ry == ZERO) & (rx < ZERO))))
-        sign = -ONE if back_p else ONE
-        f0[i] = sign * px
-        f1[i] = sign * py
-        f2[i] = sign * pz
-        sign = (-ONE if back_r else ONE) / np.sqrt(rx * rx + ry * ry + rz * rz)
-        f3[i] = sign * rx
-        f4[i] = sign * ry
-        f5[i] = sign * rz
-        l1 = max(l1s[i], ZERO)
-        l2 = max(l2s[i], ZERO)
-        l3 = max(l3s[i], ZERO)
-        f6[i] = l1 * scale
-        f7[i] = l2 * scale
-        f8[i] = l3 * scale
-        f9[i] = (l2 - l1) / (l1 + l2 + ROUNDING * l3 + TINY)
-        m1 = max(m1s[i], ZERO)
-        m2 = max(m2s[i], m1)
-        m3 = max(m3s[i], m2)
-        f10[i] = (m3 - m2) / (m2 + m3 + TINY)
+        norm = ONE / np.sqrt(rx * rx + ry * ry + rz * rz)
+        large[n6 + i] = norm * rx
+        large[n7 + i] = norm * ry
+        large[n8 + i] = norm * rz
+
+
+@njit(nogil=True)
+def _certainty_row(small, large, scale, out):
+    """Write eigenvalues, linearity of p and planarity of r into rows 6 to 10 of ``out``."""
+    n = U(small.shape[0] // 9)
+    n2, n6, n7, n8, n9, n10 = U(2) * n, U(6) * n, U(7) * n, U(8) * n, U(9) * n, U(10) * n
+    for i in range(n):
+        l1 = max(small[i], ZERO)
+        l2 = max(small[n + i], ZERO)
+        l3 = max(small[n2 + i], ZERO)
+        out[n6 + i] = l1 * scale
+        out[n7 + i] = l2 * scale
+        out[n8 + i] = l3 * scale
+        out[n9 + i] = (l2 - l1) / (l1 + l2 + ROUNDING * l3 + TINY)
+        m2 = max(large[n + i], ZERO)
+        m3 = max(large[n2 + i], m2)
+        out[n10 + i] = (m3 - m2) / (m2 + m3 + TINY)
 
 
 @njit(nogil=True)
 def _store_row(frame, x0, least_energy, least_confidence, fibre, normal, values, confidence, planarity, valid):
     """Copy a row of results to the fields; ``valid`` keeps zeros it has on entry."""
-    x0 = np.uint64(x0)
-    for i in range(np.uint64(frame.shape[1])):
-        o = x0 + i
+    n = U(frame.shape[0] // 11)
+    for i in range(n):
+        o = U(x0) + i
         for c in range(3):
-            fibre[o, c] = frame[c, i]
-            normal[o, c] = frame[3 + c, i]
-            values[o, c] = frame[6 + c, i]
-        confidence[o] = frame[9, i]
-        planarity[o] = frame[10, i]
-        energetic = frame[6, i] + frame[7, i] + frame[8, i] > least_energy
-        valid[o] &= energetic and frame[9, i] >= least_confidence
+            fibre[o, c] = frame[U(c) * n + i]
+            normal[o, c] = frame[U(3 + c) * n + i]
+            values[o, c] = frame[U(6 + c) * n + i]
+        confidence[o] = frame[U(9) * n + i]
+        planarity[o] = frame[U(10) * n + i]
+        energetic = frame[U(6) * n + i] + frame[U(7) * n + i] + frame[U(8) * n + i] > least_energy
+        valid[o] &= energetic and frame[U(9) * n + i] >= least_confidence
 
 
 @njit(nogil=True)
@@ -195,27 +222,26 @@ def orient_block(tensors, corner, step, inverse_h, side_steps, coarse, voxel, st
     """
     ox, oy, oz = count
     two_scales = coarse.shape[0] > 0
-    best = np.empty((6, ox), np.float32)
-    other = np.empty((6, ox), np.float32)
-    small = np.empty((9, ox), np.float32)
-    large = np.empty((9, ox), np.float32)
-    frame = np.empty((11, ox), np.float32)
+    best = np.empty(6 * ox, np.float32)
+    other = np.empty(6 * ox, np.float32)
+    small = np.empty(9 * ox, np.float32)
+    large = np.empty(9 * ox, np.float32)
+    normal_row = large[6 * ox :]
+    frame = np.empty(11 * ox, np.float32)
     score = np.empty(ox, np.float32)
     best_score = np.empty(ox, np.float32)
     scratch = np.empty(coarse.shape[3] if two_scales else 1, np.float32)
-    here = voxel.copy()
+    at_z, share_z = _cells_of_row(voxel[2], stride, start[2], cell[2], coarse.shape[0], oz)
+    at_y, share_y = _cells_of_row(voxel[1], stride, start[1], cell[1], coarse.shape[1], oy)
+    at_x, share_x = _cells_of_row(voxel[0], stride, start[0], cell[0], coarse.shape[3], ox)
     for k in range(oz):
         z = corner[2] + k * step
-        here[2] = voxel[2] + k * stride
         for j in range(oy):
             y = corner[1] + j * step
-            here[1] = voxel[1] + j * stride
             for c in range(6):
-                row = tensors[z, y, c]
-                for i in range(ox):
-                    best[c, i] = row[corner[0] + i * step]
+                _copy_row(tensors[z, y, c], corner[0], step, best[c * ox : (c + 1) * ox])
             if two_scales:
-                interpolate_row(coarse, here, start, cell, stride, scratch, other)
+                interpolate_row(coarse, at_z[k], share_z[k], at_y[j], share_y[j], at_x, share_x, scratch, other)
                 solve_row(other, large)
             elif side_steps > 0:
                 solve_row(best, large)
@@ -225,13 +251,20 @@ def orient_block(tensors, corner, step, inverse_h, side_steps, coarse, voxel, st
                 for away in range(1, side_steps + 1):
                     for side in (-1, 1):
                         move = np.float32(side * away)
-                        _gather_row(tensors, z, y, corner[0], step, large[6:], inverse_h, move, other)
+                        _gather_row(tensors, z, y, corner[0], step, normal_row, inverse_h, move, other)
                         smallest_row(other, score)
                         _keep_better(score, best_score, other, best)
             if two_scales:
-                _press_flat_row(best, best_score, large[6:])
+                _press_flat_row(best, best_score, normal_row)
             solve_row(best, small)
-            _frame_row(small, large if two_scales or side_steps > 0 else small, scale, frame)
+            if two_scales or side_steps > 0:
+                _orthogonal_row(small, large)
+            else:
+                _copy_row(small, 0, 1, large)
+            # one sign for each axis: p towards +x, r towards +z, so that neighbours look alike
+            _axis_row(small, 3, 1, frame, 0)
+            _axis_row(large, 6, -1, frame, 3)
+            _certainty_row(small, large, scale, frame)
             z1, y1 = place[2] + k, place[1] + j
             _store_row(
                 frame, place[0], least_energy, least_confidence, fibre[z1, y1], normal[z1, y1], values[z1, y1],

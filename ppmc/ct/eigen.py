@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from ppmc.compile_cache import njit
 
 F = np.float32
+U = np.uint64
 _ROOT = np.sqrt(1.0 + np.cos(np.linspace(0.0, np.pi, 400)))
 _C = np.polynomial.chebyshev.Chebyshev.fit(_ROOT, np.cos(np.arccos(np.clip(_ROOT**2 - 1.0, -1.0, 1.0)) / 3.0), 8)
 C0, C1, C2, C3, C4, C5, C6, C7, C8 = (
@@ -161,28 +162,41 @@ def eigen_system(xx, yy, zz, xy, yz, xz):
 
 @njit(nogil=True)
 def solve_row(tensor, out):
-    """Solve a row of tensors: ``tensor`` (6, n) float32 -> ``out`` (9, n): l1, l2, l3, p (3), r (3)."""
-    xx, yy, zz, xy, yz, xz = tensor[0], tensor[1], tensor[2], tensor[3], tensor[4], tensor[5]
-    o0, o1, o2, o3, o4, o5, o6, o7, o8 = out[0], out[1], out[2], out[3], out[4], out[5], out[6], out[7], out[8]
-    for i in range(tensor.shape[1]):
-        r = eigen_system(xx[i], yy[i], zz[i], xy[i], yz[i], xz[i])
-        o0[i] = r[0]
-        o1[i] = r[1]
-        o2[i] = r[2]
-        o3[i] = r[3]
-        o4[i] = r[4]
-        o5[i] = r[5]
-        o6[i] = r[6]
-        o7[i] = r[7]
-        o8[i] = r[8]
+    """Solve a row of n tensors: ``tensor`` (6 n) float32, component by component -> ``out`` (9 n): l1, l2, l3, p, r."""
+    n = U(tensor.shape[0] // 6)
+    for i in range(n):
+        r = eigen_system(
+            tensor[i],
+            tensor[n + i],
+            tensor[U(2) * n + i],
+            tensor[U(3) * n + i],
+            tensor[U(4) * n + i],
+            tensor[U(5) * n + i],
+        )
+        out[i] = r[0]
+        out[n + i] = r[1]
+        out[U(2) * n + i] = r[2]
+        out[U(3) * n + i] = r[3]
+        out[U(4) * n + i] = r[4]
+        out[U(5) * n + i] = r[5]
+        out[U(6) * n + i] = r[6]
+        out[U(7) * n + i] = r[7]
+        out[U(8) * n + i] = r[8]
 
 
 @njit(nogil=True)
 def smallest_row(tensor, out):
-    """Write the smallest eigenvalue of a row of tensors (6, n) into ``out`` (n,)."""
-    xx, yy, zz, xy, yz, xz = tensor[0], tensor[1], tensor[2], tensor[3], tensor[4], tensor[5]
-    for i in range(tensor.shape[1]):
-        out[i] = smallest_eigenvalue(xx[i], yy[i], zz[i], xy[i], yz[i], xz[i])
+    """Write the smallest eigenvalue of a row of n tensors (6 n) into ``out`` (n,)."""
+    n = U(out.shape[0])
+    for i in range(n):
+        out[i] = smallest_eigenvalue(
+            tensor[i],
+            tensor[n + i],
+            tensor[U(2) * n + i],
+            tensor[U(3) * n + i],
+            tensor[U(4) * n + i],
+            tensor[U(5) * n + i],
+        )
 
 
 def eigen_systems(tensors: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
@@ -204,7 +218,7 @@ def eigen_systems(tensors: NDArray[np.float32]) -> tuple[NDArray[np.float32], ND
     """
     shape = tensors.shape[:-1]
     rows = np.ascontiguousarray(tensors.reshape(-1, 6).T, dtype=np.float32)
-    out = np.empty((9, rows.shape[1]), np.float32)
-    solve_row(rows, out)
-    columns = np.ascontiguousarray(out.T)
+    out = np.empty(9 * rows.shape[1], np.float32)
+    solve_row(rows.ravel(), out)
+    columns = np.ascontiguousarray(out.reshape(9, -1).T)
     return columns[:, :3].reshape(*shape, 3), columns[:, 3:6].reshape(*shape, 3), columns[:, 6:].reshape(*shape, 3)
