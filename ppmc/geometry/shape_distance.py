@@ -196,6 +196,9 @@ def grid_distance(x, y, z, shape, origin, spacing, start, values):  # type: igno
     gx = (x - origin[0]) / spacing
     gy = (y - origin[1]) / spacing
     gz = (z - origin[2]) / spacing
+    if math.isnan(gx + gy + gz):
+        # No cell holds such a point; whoever moves it there has to notice.
+        return math.nan, 0.0, 0.0, 1.0
     cx = max(0.0, min(nx - 1.0, gx))
     cy = max(0.0, min(ny - 1.0, gy))
     cz = max(0.0, min(nz - 1.0, gz))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 import pyvista
@@ -128,6 +129,24 @@ def test_edge_seen_across_the_cavity_is_no_wall(make_tools: Callable[..., ToolSe
     assert count[0] == 1
     assert phi[0, 0] == pytest.approx(0.5, abs=1e-3)
     np.testing.assert_allclose(normal[0, 0], [0, 1, 0], atol=1e-3)
+
+
+def test_points_that_are_no_numbers_or_far_away(make_tools: Callable[..., ToolSet], tmp_path: Path) -> None:
+    pyvista.Box(bounds=(0, 10, 0, 8, 0, 6)).triangulate().save(tmp_path / "box.stl")
+    tools = make_tools({"m": {"shape": "mesh", "file": str(tmp_path / "box.stl"), "grid_spacing": 0.5}})
+    phi, _ = tools.distances([[np.nan, 0, 0], [1e9, 0, 0], [-1e300, 0, 0]])
+    assert np.isnan(phi[0, 0])
+    assert (phi[0, 1:] > 9e8).all()
+
+
+def test_grid_does_not_depend_on_the_threads(torus: ClosedSurface) -> None:
+    before = numba.get_num_threads()
+    grids = []
+    for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS)):
+        numba.set_num_threads(threads)
+        grids.append(distance_grid(torus, 0.6).values)
+    numba.set_num_threads(before)
+    np.testing.assert_array_equal(*grids)
 
 
 def test_too_fine_a_grid_is_refused(torus: ClosedSurface) -> None:
