@@ -17,6 +17,7 @@ def analyze(
     volume: Path | None = None,
     orientations: Path | None = None,
     charge: Path | None = None,
+    moulded: Path | None = None,
     compare: list[Path] | None = None,
     seeds: list[Path] | None = None,
 ) -> None:
@@ -39,6 +40,8 @@ def analyze(
         Voxel orientations, overlaid in the plots; default orientations.vtkhdf beside the input, if there.
     charge : Path, optional
         Charge, overlaid too; default none, as a flow's first frame shows it.
+    moulded : Path, optional
+        Orientations measured in the moulded part (in tool coordinates), set beside the flow's last state.
     compare : list of Path, optional
         Flows of other runs, overlaid and compared with the input; repeat the option for more.
     seeds : list of Path, optional
@@ -74,6 +77,7 @@ def analyze(
         volume=volume,
         orientations=orientations,
         charge=charge,
+        moulded=moulded,
         compare=compare or (),
         seeds=seeds or (),
     )

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ppmc.scene.analysis import AnalysisSection
 
 FILL_FRAMES = 200
+MOULDED = "CT of the part"
 
 
 @dataclass
@@ -38,6 +39,8 @@ class Opened:
         Product of the input.
     volume, orientations, charge, flow
         The chain's files, as far as they are given.
+    moulded : VoxelFile, optional
+        Orientations measured in the moulded part, to stand beside the flow's last frame.
     compare, seeds : list of (str, SeriesFile)
         Other runs by label: to show beside the input, and to join with it into statistics.
     """
@@ -47,6 +50,7 @@ class Opened:
     orientations: VoxelFile | None = None
     charge: ParticleFile | None = None
     flow: SeriesFile | None = None
+    moulded: VoxelFile | None = None
     compare: list[tuple[str, SeriesFile]] = field(default_factory=list)
     seeds: list[tuple[str, SeriesFile]] = field(default_factory=list)
 
@@ -78,6 +82,8 @@ def gather(scene: Scene, section: AnalysisSection, opened: Opened) -> Results:
     if opened.flow is not None:
         _add_flow(results, opened.flow)
         results.comparisons = [_compare(opened.flow, label, file) for label, file in opened.compare]
+        if opened.moulded is not None:
+            results.comparisons.append(_compare_with_part(opened.flow, opened.moulded))
     return results
 
 
@@ -128,6 +134,8 @@ def _sources(opened: Opened, every_frame: bool, notes: list[str]) -> list[Source
         if not flow.complete:
             notes.append("The flow file is still growing: the run has not come to its end.")
     sources += [_run_source(label, file) for label, file in opened.compare]
+    if opened.moulded is not None:
+        sources.append(replace(orientations_source(opened.moulded, MOULDED), product="moulded"))
     return sources
 
 
@@ -205,6 +213,19 @@ def _compare(flow: SeriesFile, label: str, other: SeriesFile) -> Comparison:
         nothing = np.empty((0, 3))
         return Comparison(label, particle_difference((nothing, np.empty((1, 3))), (nothing, nothing), shared), False)
     return Comparison(label, particle_difference((a.positions, b.positions), (p, q), shared), True)
+
+
+def _compare_with_part(flow: SeriesFile, part: VoxelFile) -> Comparison:
+    """Compare the space that the last frame fills with the measured part; there are no particles to pair."""
+    last, source = _last(flow), orientations_source(part, MOULDED)
+    corners = [last.positions, np.array([source.lower, source.upper])] if source.count else [last.positions]
+    cells = cells_around(corners, max(last.spacing, source.spacing))
+    filled = np.zeros(cells.shape, dtype=bool)
+    for voxels in source.parts():
+        filled |= cells.occupied(voxels.positions)
+    shared, nothing = overlap(cells.occupied(last.positions), filled), np.empty((0, 3))
+    difference = particle_difference((nothing, np.empty((1, 3))), (nothing, nothing), shared)
+    return Comparison(MOULDED, difference, False)
 
 
 def _last(file: SeriesFile) -> Samples:

@@ -152,7 +152,7 @@ def _source_views(entry: Analysed, section: AnalysisSection, last: bool) -> list
                     CloudView(samples.positions, spacing, shown),
                 )
             )
-    for title, cut in section.cuts.items() if last or source.product == "orientations" else ():
+    for title, cut in section.cuts.items() if last or source.product in ("orientations", "moulded") else ():
         behind = samples.select((samples.positions - np.array(cut.point)) @ np.array(cut.normal) <= 0)
         shown = panels.squares(behind, "fibre_direction") if len(behind) else []
         if shown:

@@ -134,7 +134,7 @@ def describe_counts(entries: Sequence[Analysed]) -> str:
 
 def is_voxels(entry: Analysed) -> bool:
     """Tell whether a source counts voxels."""
-    return entry.source.product in ("volume", "orientations")
+    return entry.source.product in ("volume", "orientations", "moulded")
 
 
 def _overview(page: Document, results: Results) -> None:

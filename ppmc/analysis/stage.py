@@ -33,6 +33,7 @@ def run(
     volume: Path | None = None,
     orientations: Path | None = None,
     charge: Path | None = None,
+    moulded: Path | None = None,
     compare: Sequence[Path] = (),
     seeds: Sequence[Path] = (),
 ) -> Path:
@@ -50,6 +51,8 @@ def run(
         Phantom volume with true directions; with `orientations` the report sets CT beside truth.
     orientations, charge : Path, optional
         Forerunners of the input, overlaid in the plots.
+    moulded : Path, optional
+        Orientations measured by CT in the moulded part, set beside the flow's last frame (J Figs 11 to 14).
     compare : sequence of Path
         Flows of other runs, overlaid and compared with the input.
     seeds : sequence of Path
@@ -73,15 +76,20 @@ def run(
 
     section = scene.analysis or AnalysisSection()
     product = _product(input)
-    if (compare or seeds) and product != "flow":
-        raise SceneError(f"{input}: other runs can be compared with a flow only, this file holds '{product}'")
+    if (compare or seeds or moulded) and product != "flow":
+        raise SceneError(
+            f"{input}: only a flow can be set beside other runs or a moulded part, this file holds '{product}'"
+        )
     named = _named(product, input, volume, orientations, charge)
     mesh_path = scene.locate(section.mesh.path) if section.mesh is not None else None
-    given = [*named.values(), *compare, *seeds, *([mesh_path] if mesh_path is not None else [])]
+    others = [path for path in (moulded, mesh_path) if path is not None]
+    given = [*named.values(), *compare, *seeds, *others]
     check_output(output, given)
     mesh = read_mesh(mesh_path, section.mesh.scale) if mesh_path is not None and section.mesh is not None else None
     with ExitStack() as stack, Progress("analysis", total=6, unit="parts") as bar:
         opened = _open(stack, product, named, compare, seeds)
+        if moulded is not None:
+            opened.moulded = stack.enter_context(read_voxels(moulded, "orientations"))
         bar.update(1, "files opened")
         results = gather(scene, section, opened)
         bar.update(2, "averages")

@@ -17,6 +17,7 @@ COLOURS = "viridis"
 EYE = (0.9, -1.5, 1.0)
 MATPLOTLIB_POINTS = 15_000
 MOST_CULLING_CELLS = 50_000_000
+RIM = 8
 BALL = 0.62  # radius of a ball in spacings: neighbours overlap a little, so that no light falls through
 
 
@@ -137,14 +138,26 @@ def _assemble(view: CloudView, images: Sequence[bytes]) -> Figure:
     """Put the pictures side by side with their colour bars."""
     from matplotlib import image
 
-    drawing = figure(4.0 * len(images) + 0.6, 3.5)
+    pixels = _trimmed([image.imread(io.BytesIO(png), format="png") for png in images])
+    height, width = pixels[0].shape[:2]
+    drawing = figure(4.0 * len(images) + 0.6, min(4.5, 4.0 * height / width + 0.5))
     axes = drawing.subplots(1, len(images), squeeze=False)[0]
-    for panel, ax, png in zip(view.panels, axes, images, strict=True):
-        ax.imshow(image.imread(io.BytesIO(png), format="png"))
+    for panel, ax, picture in zip(view.panels, axes, pixels, strict=True):
+        ax.imshow(picture)
         ax.set_axis_off()
         ax.set_title(panel.title, fontsize=12)
     _colour_bars(drawing, axes, view.panels)
     return drawing
+
+
+def _trimmed(pictures: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Cut the white rim that all pictures of a row share."""
+    ink = np.any([(picture[..., :3] < 0.99).any(axis=-1) for picture in pictures], axis=0)
+    if not ink.any():
+        return list(pictures)
+    rows, columns = np.flatnonzero(ink.any(axis=1)), np.flatnonzero(ink.any(axis=0))
+    top, left = max(rows[0] - RIM, 0), max(columns[0] - RIM, 0)
+    return [picture[top : rows[-1] + RIM, left : columns[-1] + RIM] for picture in pictures]
 
 
 def _colour_bars(drawing: Figure, axes: Sequence[Any], panels: Sequence[Panel]) -> None:

@@ -69,14 +69,25 @@ def out(chain: Chain, tmp_path_factory: pytest.TempPathFactory) -> Path:
     for module in (views, movie):
         patch.setattr(module, "render", blank_pictures)
     scene = parse_scene(SCENE, folder / "scene.yaml")
-    stage.run(scene, input=chain.flow, output=folder / "out" / "analysis.vtkhdf", compare=runs[:1], seeds=runs)
+    stage.run(
+        scene,
+        input=chain.flow,
+        output=folder / "out" / "analysis.vtkhdf",
+        compare=runs[:1],
+        seeds=runs,
+        moulded=chain.orientations,
+    )
     patch.undo()
     return folder / "out"
 
 
 def test_equal_runs_do_not_differ(out: Path) -> None:
     table = pd.read_csv(out / "tables" / "comparisons.csv")
-    assert table.run.tolist() == ["second"]
+    assert table.run.tolist() == ["second", "CT of the part"]
+    # The block was 12 x 8 x 3 mm, the squeezed one is 16.97 x 11.31 x 1.5 mm: they share 12 x 8 x 1.5 mm.
+    shared = 12 * 8 * 1.5
+    assert table.overlap[1] == pytest.approx(shared / (2 * 12 * 8 * 3 - shared), abs=0.1)
+    assert np.isnan(table.angle_mean_deg[1])
     assert table.overlap[0] == 1 and table.angle_mean_deg[0] == 0 and table.distance_p99_mm[0] == 0
     seeds = pd.read_csv(out / "tables" / "seeds_path_path.csv")
     assert (seeds.runs == 3).all() and seeds.sd_A11.dropna().max() < 1e-12
@@ -146,7 +157,7 @@ def test_meshes_without_elements_or_with_nan_are_refused(tmp_path: Path) -> None
 
 
 def test_other_runs_need_a_flow(chain: Chain, tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match="flow only"):
+    with pytest.raises(SceneError, match="only a flow"):
         stage.run(parse_scene("name: x"), input=chain.charge, output=tmp_path / "a.vtkhdf", compare=[chain.flow])
 
 
