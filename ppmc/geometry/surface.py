@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import struct
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -206,8 +207,9 @@ def _read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
 
     said = io.StringIO()
     try:
-        # meshio prints and leaves the process on some damaged files.
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        # meshio prints and leaves the process on some damaged files, and overflows while it looks at text STL.
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)
             mesh = meshio.read(path)
     except (Exception, SystemExit) as error:
         reason = str(error) if str(error) not in ("", "1") else " ".join(said.getvalue().split())
