@@ -1,78 +1,58 @@
 """The door to numba: compiled kernels kept in a cache folder keyed by the sources they came from.
 
 Numba's own cache looks at the file a kernel stands in, not at the helpers it inlines from other modules, so an
-edited helper would go on being used in its old form. Here the cache folder's name holds a digest of every ppmc
-source and of the numba and numpy versions: an edit anywhere opens a new folder.
+edited helper would go on being used in its old form. Here each module's kernels have a folder of their own whose name
+holds a digest of that module, of every ppmc module it imports, directly or not, and of the compiler: an edit that
+could matter opens a new folder, and an edit elsewhere compiles nothing anew.
 """
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import os
 import shutil
+import tempfile
 import time
 from collections.abc import Callable
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-KEPT_FOLDERS = 4
+import numba
+
+from ppmc.errors import SceneError
+
+KEPT_FOLDERS = 3
 FRESH_SECONDS = 24 * 3600.0
-
-
-def _source_digest() -> str:
-    """Return a digest of all ppmc sources and of the compiler's version."""
-    root = Path(__file__).parent
-    digest = hashlib.sha256()
-    for name in ("numba", "llvmlite", "numpy"):
-        digest.update(f"{name}={version(name)};".encode())
-    for source in sorted(root.rglob("*.py")):
-        digest.update(source.relative_to(root).as_posix().encode())
-        digest.update(source.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-def _cache_root() -> Path:
-    """Return the folder that holds one cache folder for each state of the sources."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    if base:
-        return Path(base) / "ppmc" / "kernels"
-    try:
-        return Path.home() / ".cache" / "ppmc" / "kernels"
-    except RuntimeError:
-        import tempfile
-
-        return Path(tempfile.gettempdir()) / f"ppmc-kernels-{os.getuid()}"
-
-
-def _open_cache() -> None:
-    """Point numba to the folder of this source state, and drop folders long out of use."""
-    if os.environ.get("NUMBA_CACHE_DIR"):
-        return
-    root = _cache_root()
-    folder = root / _source_digest()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        os.utime(folder)
-        old = sorted((f for f in root.iterdir() if f.is_dir()), key=lambda f: f.stat().st_mtime, reverse=True)
-        for stale in old[KEPT_FOLDERS:]:
-            if time.time() - stale.stat().st_mtime > FRESH_SECONDS:
-                shutil.rmtree(stale, ignore_errors=True)
-    except OSError:
-        # A read-only home is no reason to stop: kernels are then compiled anew in each process.
-        import tempfile
-
-        folder = Path(tempfile.mkdtemp(prefix="ppmc-kernels-"))
-    os.environ["NUMBA_CACHE_DIR"] = str(folder)
-
-
-_open_cache()
-
-import numba  # noqa: E402  (must come after NUMBA_CACHE_DIR is set)
-
-from ppmc.errors import SceneError  # noqa: E402
+PACKAGE = Path(__file__).parent
 
 prange = numba.prange
+
+
+def njit(*args: Any, **options: Any) -> Callable[..., Any]:
+    """Compile a kernel: `numba.njit` with the cache on and NumPy's division rules.
+
+    Division by zero yields inf as in NumPy; the check that Python's rule needs would stop the loops from being
+    vectorised (measured factor nine on the structure tensor's eigenvalues).
+    """
+    options.setdefault("cache", True)
+    options.setdefault("error_model", "numpy")
+    if args and callable(args[0]):
+        return _compiled(args[0], options)
+    return lambda function: _compiled(function, options, *args)
+
+
+def _compiled(function: Callable[..., Any], options: dict[str, Any], *signatures: Any) -> Callable[..., Any]:
+    """Hand a function to numba, its cache in the folder of its module."""
+    given = numba.config.CACHE_DIR  # type: ignore[attr-defined]
+    if not given and options["cache"]:
+        numba.config.CACHE_DIR = _folder_of(function.__module__)  # type: ignore[attr-defined]
+    try:
+        return numba.njit(*signatures, **options)(function)
+    finally:
+        numba.config.CACHE_DIR = given  # type: ignore[attr-defined]
 
 
 def use_threads(count: int) -> None:
@@ -89,14 +69,69 @@ def use_threads(count: int) -> None:
     numba.set_num_threads(count)
 
 
-def njit(*args: Any, **options: Any) -> Callable[..., Any]:
-    """Compile a kernel: `numba.njit` with the cache on and NumPy's division rules.
+@cache
+def _folder_of(module: str) -> str:
+    """Return the cache folder of a module's kernels, and drop those of its states long out of use."""
+    root = _cache_root()
+    folder = root / f"{module}-{_digest_of(module)}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+        states = sorted(root.glob(f"{module}-*"), key=lambda f: f.stat().st_mtime, reverse=True)
+        for stale in states[KEPT_FOLDERS:]:
+            if time.time() - stale.stat().st_mtime > FRESH_SECONDS:
+                shutil.rmtree(stale, ignore_errors=True)
+    except OSError:
+        # A read-only home is no reason to stop: kernels are then compiled anew in each process.
+        return tempfile.mkdtemp(prefix="ppmc-kernels-")
+    return str(folder)
 
-    Division by zero yields inf as in NumPy; the check that Python's rule needs would stop the loops from being
-    vectorised (measured factor nine on the structure tensor's eigenvalues).
-    """
-    options.setdefault("cache", True)
-    options.setdefault("error_model", "numpy")
-    if args and callable(args[0]):
-        return numba.njit(**options)(args[0])
-    return numba.njit(*args, **options)
+
+def _cache_root() -> Path:
+    """Return the folder that holds the cache folders of all modules."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    if base:
+        return Path(base) / "ppmc" / "kernels"
+    try:
+        return Path.home() / ".cache" / "ppmc" / "kernels"
+    except RuntimeError:
+        return Path(tempfile.gettempdir()) / f"ppmc-kernels-{os.getuid()}"
+
+
+def _digest_of(module: str) -> str:
+    """Return a digest of a module, of all ppmc modules that it needs, and of the compiler."""
+    digest = hashlib.sha256()
+    for name in ("numba", "llvmlite", "numpy"):
+        digest.update(f"{name}={version(name)};".encode())
+    found: set[Path] = set()
+    waiting = [source for source in [_source_of(module)] if source is not None]
+    while waiting:
+        source = waiting.pop()
+        if source not in found:
+            found.add(source)
+            waiting += _needs(source)
+    for source in sorted(found):
+        digest.update(source.relative_to(PACKAGE).as_posix().encode())
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _source_of(module: str) -> Path | None:
+    """Return the file of a ppmc module, None if the name is no module of ppmc."""
+    base = PACKAGE.joinpath(*module.split(".")[1:])
+    for candidate in (base.with_suffix(".py"), base / "__init__.py"):
+        if module.split(".")[0] == "ppmc" and candidate.is_file():
+            return candidate
+    return None
+
+
+@cache
+def _needs(source: Path) -> tuple[Path, ...]:
+    """Return the files of the ppmc modules that a file imports; imported names may be modules too."""
+    wanted: list[str] = []
+    for node in ast.walk(ast.parse(source.read_bytes())):
+        if isinstance(node, ast.Import):
+            wanted += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            wanted += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    return tuple(path for path in map(_source_of, wanted) if path is not None)

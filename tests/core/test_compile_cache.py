@@ -1,38 +1,58 @@
-"""The kernel cache: keyed by all sources, kept out of the way."""
+"""The kernel cache: keyed by the sources that matter, kept out of the way."""
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
 
-CODE = "import ppmc.compile_cache, os; print(os.environ['NUMBA_CACHE_DIR'])"
+import pytest
+
+CODE = "import ppmc.solver.kernel as k; print(k.twice(4.0)); print(k.twice.stats.cache_path)"
 
 
-def cache_dir(package: Path, env: dict[str, str]) -> str:
-    import os
-
-    base = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
-    done = subprocess.run(
-        [sys.executable, "-c", CODE], cwd=package, env=base | env, capture_output=True, text=True, check=True
-    )
-    return done.stdout.strip()
-
-
-def test_an_edit_anywhere_opens_a_new_folder(tmp_path: Path) -> None:
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A package of the same name with one kernel, its helper, and a module it does not need."""
     package = tmp_path / "src" / "ppmc"
     (package / "solver").mkdir(parents=True)
     source = Path(__file__).parents[2] / "ppmc"
     for name in ("__init__.py", "compile_cache.py", "errors.py"):
         (package / name).write_text((source / name).read_text())
-    helper = package / "solver" / "helper.py"
-    helper.write_text("x = 1\n")
-    env = {"XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONPATH": str(package.parent)}
-    first = cache_dir(package.parent, env)
-    assert first.startswith(str(tmp_path / "cache"))
-    assert cache_dir(package.parent, env) == first
-    helper.write_text("x = 2\n")
-    assert cache_dir(package.parent, env) != first
+    (package / "solver" / "__init__.py").write_text("")
+    (package / "solver" / "other.py").write_text("x = 1\n")
+    (package / "solver" / "constants.py").write_text("FACTOR = 2.0\n")
+    (package / "solver" / "helper.py").write_text(
+        "from ppmc.compile_cache import njit\nfrom ppmc.solver import constants\nF = constants.FACTOR\n"
+        "@njit\ndef times(x):\n    return F * x\n"
+    )
+    (package / "solver" / "kernel.py").write_text(
+        "from ppmc.compile_cache import njit\nfrom ppmc.solver.helper import (\n    times,\n)\n"
+        "@njit\ndef twice(x):\n    return times(x)\n"
+    )
+    return package
+
+
+def run(package: Path) -> tuple[float, str]:
+    env = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+    env |= {"XDG_CACHE_HOME": str(package.parents[1] / "cache"), "PYTHONPATH": str(package.parent)}
+    env["PYTHONDONTWRITEBYTECODE"] = "1"  # an edit of the same size in the same second would be overlooked
+    done = subprocess.run([sys.executable, "-c", CODE], cwd=package.parent, env=env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    value, path = done.stdout.split()
+    return float(value), path
+
+
+def test_an_edit_that_matters_compiles_anew(package: Path) -> None:
+    value, first = run(package)
+    assert value == 8.0 and first.startswith(str(package.parents[1] / "cache"))
+    (package / "solver" / "other.py").write_text("x = 2\n")
+    assert run(package) == (8.0, first)
+    # A constant two imports away: numba alone would go on with the old value.
+    (package / "solver" / "constants.py").write_text("FACTOR = 3.0\n")
+    value, second = run(package)
+    assert value == 12.0 and second != first
 
 
 def test_division_by_zero_follows_numpy() -> None:
@@ -43,3 +63,11 @@ def test_division_by_zero_follows_numpy() -> None:
         return a / b
 
     assert divide(1.0, 0.0) == float("inf")
+
+
+def test_every_kernel_module_is_found() -> None:
+    from ppmc.compile_cache import PACKAGE, _digest_of, _needs, _source_of
+
+    assert _source_of("numpy") is None and _source_of("ppmc.errors") == PACKAGE / "errors.py"
+    assert PACKAGE / "errors.py" in _needs(PACKAGE / "compile_cache.py")
+    assert len({_digest_of("ppmc.errors"), _digest_of("ppmc.compile_cache")}) == 2
