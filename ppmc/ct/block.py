@@ -10,16 +10,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmc.ct.layout import laid_out, mirrored
 from ppmc.ct.settings import Settings
 from ppmc.ct.source import Volume
 from ppmc.ct.tensor import tensor_block
 
 Floats = NDArray[np.float32]
 Box = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
+Slices = tuple[slice, slice, slice]
 
 EDGE_VOTE = 1e-3
 """Weight of gradients so near the volume's edge that they were made with mirrored grey values."""
-NO_VOTES = np.empty((0, 0, 0), np.float32)
 EMPTY = np.empty(0, np.float32)
 NO_COARSE = np.empty((0, 0, 6, 0), np.float32)
 
@@ -58,9 +59,16 @@ def edge_votes(n: int, margin: int, first: int, last: int) -> Floats:
 
 def read_padded(volume: Volume, box: Box, reference: Reference) -> Floats:
     """Read a box that may reach beyond the volume, mirrored there, in units of the reference."""
-    inner, pad = _clipped(volume, box)
-    grey = volume.grey(inner, reference.middle, reference.unit)
-    return np.pad(grey, pad, mode="symmetric") if pad else grey
+    inner, maps = _mirrored_box(volume, box)
+    return volume.grey(inner, reference.middle, reference.unit)[np.ix_(*maps)]
+
+
+def _mirrored_box(volume: Volume, box: Box) -> tuple[Slices, tuple[NDArray[np.uint64], ...]]:
+    """Return the part of the volume that a box and its mirror images need, and the indices into that part."""
+    maps = [mirrored(a, b, n) for (a, b), n in zip(box, volume.shape, strict=True)]
+    first = [int(m.min()) for m in maps]
+    z, y, x = (slice(f, int(m.max()) + 1) for f, m in zip(first, maps, strict=True))
+    return (z, y, x), tuple(m - np.uint64(f) for f, m in zip(first, maps, strict=True))
 
 
 def window_tensors(
@@ -108,33 +116,36 @@ def window_tensors(
     gradient = chosen.gradient_radius[::-1]
     box = tuple((a - g, b + g) for (a, b), g in zip(spans, gradient, strict=True))
     margins = tuple(-(-g // 2) for g in gradient)
-    grey = read_padded(volume, box, reference)  # type: ignore[arg-type]
     masked = volume.read_mask is not None or not averaged
-    votes = NO_VOTES
+    rest = (box[1][1] - box[1][0], box[2][1] - box[2][0])
     plane = np.ones([b - a for a, b in spans[1:]], np.float32)
     vote_z = np.ones(spans[0][1] - spans[0][0], np.float32)
     inverse = tuple(np.ones(n if averaged else 0, np.float32) for n in counts)[::-1]
-    if masked:
-        votes = _mask_votes(volume, grey, box, gradient, margins)  # type: ignore[arg-type]
+    if volume.read_mask is not None:
+        grey = read_padded(volume, box, reference)  # type: ignore[arg-type]
+        votes = _in_phases(_mask_votes(volume, grey, box, gradient, margins), stride[2], rest)  # type: ignore[arg-type]
+        flat = _in_phases(grey, stride[2], rest)
     else:
+        flat = _read_laid_out(volume, box, reference, stride[2])  # type: ignore[arg-type]
         vote = [edge_votes(n, m, *s) for n, m, s in zip(volume.shape, margins, spans, strict=True)]
         vote_z, plane = vote[0], vote[1][:, None] * vote[2][None, :]
-        inverse = tuple(
-            _inverse(t, v, n, s) for t, v, n, s in zip(window, vote[::-1], counts[::-1], stride[::-1], strict=True)
-        )
+        votes = EMPTY
+        if masked:
+            votes = _in_phases(np.ones((len(vote_z), 1, 1), np.float32) * plane, stride[2], rest)
+        else:
+            inverse = tuple(
+                _inverse(t, v, n, s) for t, v, n, s in zip(window, vote[::-1], counts[::-1], stride[::-1], strict=True)
+            )
     shape = (counts[0], counts[1], 7 if masked else 6, counts[2])
     out = np.empty(int(np.prod(shape)), np.float32)
-    rest = (grey.shape[1], grey.shape[2])
-    by_voxel = _laid_out(votes, stride[2], rest) if masked else EMPTY
     tensor_block(
-        _laid_out(grey, stride[2], rest), grey.shape[1], chosen.smooth, chosen.slope, window,
-        _laid_out(plane[None], stride[2], rest), vote_z, by_voxel, inverse,
-        np.zeros(6, np.float32) if noise is None else noise, stride[::-1], shape, out,
+        flat, rest[0], chosen.smooth, chosen.slope, window, _in_phases(plane[None], stride[2], rest), vote_z, votes,
+        inverse, np.zeros(6, np.float32) if noise is None else noise, stride[::-1], shape, out,
     )  # fmt: skip
     return out.reshape(shape)
 
 
-def _laid_out(planes: Floats, phases: int, shape: tuple[int, int]) -> Floats:
+def _in_phases(planes: Floats, phases: int, shape: tuple[int, int]) -> Floats:
     """Return planes (n, ny, nx) padded to ``shape`` and stored flat as (n, phase of x, y, x) (see the kernel)."""
     n, ny, nx = planes.shape
     length = -(-shape[1] // phases)
@@ -144,6 +155,15 @@ def _laid_out(planes: Floats, phases: int, shape: tuple[int, int]) -> Floats:
     padded[:, :ny, :nx] = planes
     parts = padded.reshape(n, shape[0], length, phases)
     return np.ascontiguousarray(parts.transpose(0, 3, 1, 2)).ravel()
+
+
+def _read_laid_out(volume: Volume, box: Box, reference: Reference, phases: int) -> Floats:
+    """Read a box that may reach beyond the volume, mirrored there, as the kernel wants it."""
+    inner, maps = _mirrored_box(volume, box)
+    flat, bad = laid_out(volume.read(inner), maps, reference.middle, reference.unit, phases)
+    if bad:
+        volume.grey(inner)  # says which voxel is not a number
+    return flat
 
 
 def _inverse(taps: Floats, vote: Floats, count: int, stride: int) -> Floats:
@@ -161,22 +181,15 @@ def _mask_votes(
     """
     from scipy.ndimage import minimum_filter1d
 
-    inner, pad = _clipped(volume, box)
-    if volume.read_mask is None:
-        mask = np.ones([s.stop - s.start for s in inner], np.float32)
-    else:
-        mask = (volume.read_mask(inner) != 0).astype(np.float32)
-        grey *= np.pad(mask, pad, mode="symmetric") if pad else mask
-    mask = np.pad(mask, pad) if pad else mask
+    inner, maps = _mirrored_box(volume, box)
+    assert volume.read_mask is not None
+    mask = (volume.read_mask(inner) != 0).astype(np.float32)[np.ix_(*maps)]
+    grey *= mask
+    for axis, ((a, b), n) in enumerate(zip(box, volume.shape, strict=True)):
+        outside = np.flatnonzero((np.arange(a, b) < 0) | (np.arange(a, b) >= n))
+        mask[(slice(None),) * axis + (outside,)] = 0.0
     core = mask
     for axis, margin in enumerate(margins):
         core = minimum_filter1d(core, 2 * margin + 1, axis=axis, mode="nearest")
     part = tuple(slice(g, n - g) for g, n in zip(gradient, mask.shape, strict=True))
     return np.ascontiguousarray(np.where(core[part] > 0, mask[part], np.float32(EDGE_VOTE) * mask[part]))
-
-
-def _clipped(volume: Volume, box: Box) -> tuple[tuple[slice, slice, slice], list[tuple[int, int]] | None]:
-    """Return the part of a box inside the volume, and what to pad around it."""
-    inner = tuple(slice(max(a, 0), min(b, n)) for (a, b), n in zip(box, volume.shape, strict=True))
-    pad = [(s.start - a, b - s.stop) for (a, b), s in zip(box, inner, strict=True)]
-    return inner, pad if any(p != (0, 0) for p in pad) else None  # type: ignore[return-value]

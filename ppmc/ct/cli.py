@@ -8,7 +8,15 @@ from ppmc.command import command
 
 
 @command
-def ct(scene: Path, /, *, input: Path | None = None, output: Path | None = None) -> None:
+def ct(
+    scene: Path,
+    /,
+    *,
+    input: Path | None = None,
+    output: Path | None = None,
+    resume: bool = False,
+    part: str | None = None,
+) -> None:
     """Find fibre direction p, platelet normal r and their certainty at every voxel of a CT volume.
 
     p is the direction of least grey-value change in a small flat window, r that of greatest change in a larger one.
@@ -24,6 +32,11 @@ def ct(scene: Path, /, *, input: Path | None = None, output: Path | None = None)
         runs/<name>/volume.vtkhdf.
     output : Path, optional
         Orientations file to write; default runs/<name>/orientations.vtkhdf.
+    resume : bool
+        Keep finished tiles in the folder <output>.parts until all are done, and use those found there.
+    part : str, optional
+        Compute only a share of the tiles, such as 2/8 for the second of eight, and leave them in <output>.parts;
+        when all shares are done, --resume gathers them. For jobs on several machines.
 
     Examples
     --------
@@ -39,7 +52,21 @@ def ct(scene: Path, /, *, input: Path | None = None, output: Path | None = None)
     paths = run_paths(loaded)
     if input is None and loaded.require("ct").source.path is None:
         input = paths.volume
-    print(run(loaded, input=input, output=output or paths.orientations))
+    share = share_of(part) if part else None
+    print(run(loaded, input=input, output=output or paths.orientations, resume=resume, part=share))
+
+
+def share_of(text: str) -> tuple[int, int]:
+    """Return (2, 8) for "2/8"."""
+    from ppmc.errors import SceneError
+
+    try:
+        number, count = (int(value) for value in text.split("/"))
+    except ValueError:
+        number, count = 0, 0
+    if not 1 <= number <= count:
+        raise SceneError(f"--part {text}: write the share and the number of shares, such as 2/8")
+    return number, count
 
 
 @command

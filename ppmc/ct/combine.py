@@ -36,10 +36,11 @@ def _cells_of_row(first, stride, start, cell, cells, count):
     lower = np.empty(count, np.uint64)
     share = np.empty(count, np.float32)
     for i in range(count):
-        x = np.float32(first + i * stride - start) / np.float32(cell)
-        x = min(max(x, ZERO), np.float32(cells - 1))
-        lower[i] = min(int(x), max(cells - 2, 0))
-        share[i] = x - np.float32(lower[i])
+        beyond = max(first + i * stride - start, 0)
+        below = beyond // cell
+        inside = below < cells - 1
+        lower[i] = below if inside else max(cells - 2, 0)
+        share[i] = np.float32(beyond % cell) / np.float32(cell) if inside else np.float32(cells > 1)
     return lower, share
 
 
@@ -175,24 +176,23 @@ def _certainty_row(small, large, scale, out):
 
 
 @njit(nogil=True)
-def _store_row(frame, x0, least_energy, least_confidence, fibre, normal, values, confidence, planarity, valid):
+def _store_row(frame, least_energy, least_confidence, fibre, normal, values, confidence, planarity, valid):
     """Copy a row of results to the fields; ``valid`` keeps zeros it has on entry."""
     n = U(frame.shape[0] // 11)
     for i in range(n):
-        o = U(x0) + i
         for c in range(3):
-            fibre[o, c] = frame[U(c) * n + i]
-            normal[o, c] = frame[U(3 + c) * n + i]
-            values[o, c] = frame[U(6 + c) * n + i]
-        confidence[o] = frame[U(9) * n + i]
-        planarity[o] = frame[U(10) * n + i]
+            fibre[i, c] = frame[U(c) * n + i]
+            normal[i, c] = frame[U(3 + c) * n + i]
+            values[i, c] = frame[U(6 + c) * n + i]
+        confidence[i] = frame[U(9) * n + i]
+        planarity[i] = frame[U(10) * n + i]
         energetic = frame[U(6) * n + i] + frame[U(7) * n + i] + frame[U(8) * n + i] > least_energy
-        valid[o] &= energetic and frame[U(9) * n + i] >= least_confidence
+        valid[i] &= energetic and frame[U(9) * n + i] >= least_confidence
 
 
 @njit(nogil=True)
 def orient_block(tensors, corner, step, inverse_h, side_steps, coarse, voxel, stride, start, cell, scale, least_energy,
-                 least_confidence, place, count, fibre, normal, values, confidence, planarity, valid):  # fmt: skip
+                 least_confidence, fibre, normal, values, confidence, planarity, valid):  # fmt: skip
     """Turn the tensors of a block into orientations.
 
     Parameters
@@ -213,14 +213,12 @@ def orient_block(tensors, corner, step, inverse_h, side_steps, coarse, voxel, st
         Voxel in the middle of the first coarse cell, and distance of cells.
     scale, least_energy, least_confidence : float32
         Unit of the eigenvalues; trace (in that unit) and linearity below which a voxel is invalid.
-    place, count : (3,) int64 (x, y, z)
-        Where the block's output begins in the fields, and its number of voxels.
-    fibre, normal, values : (nz, ny, nx, 3) float32
-    confidence, planarity : (nz, ny, nx) float32
-    valid : (nz, ny, nx) uint8
+    fibre, normal, values : (oz, oy, ox, 3) float32
+    confidence, planarity : (oz, oy, ox) float32
+    valid : (oz, oy, ox) uint8
         Filled; ``valid`` keeps zeros it has on entry.
     """
-    ox, oy, oz = count
+    oz, oy, ox = valid.shape
     two_scales = coarse.shape[0] > 0
     best = np.empty(6 * ox, np.float32)
     other = np.empty(6 * ox, np.float32)
@@ -265,8 +263,7 @@ def orient_block(tensors, corner, step, inverse_h, side_steps, coarse, voxel, st
             _axis_row(small, 3, 1, frame, 0)
             _axis_row(large, 6, -1, frame, 3)
             _certainty_row(small, large, scale, frame)
-            z1, y1 = place[2] + k, place[1] + j
             _store_row(
-                frame, place[0], least_energy, least_confidence, fibre[z1, y1], normal[z1, y1], values[z1, y1],
-                confidence[z1, y1], planarity[z1, y1], valid[z1, y1],
+                frame, least_energy, least_confidence, fibre[k, j], normal[k, j], values[k, j], confidence[k, j],
+                planarity[k, j], valid[k, j],
             )  # fmt: skip

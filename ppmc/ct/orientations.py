@@ -1,16 +1,17 @@
-"""Orientations of a volume, block by block on a pool of threads.
+"""Orientations of a volume, tile by tile on a pool of threads.
 
-The volume is read in slabs of planes; a slab's rows are shared out to the threads. Kernels release the interpreter's
-lock, and each voxel is computed by exactly one of them, in an order of operations that depends neither on the blocks
-nor on the number of threads.
+Kernels release the interpreter's lock, and each voxel is computed by exactly one thread, in an order of operations
+that depends neither on the tiles nor on the number of threads.
 """
 
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,9 +19,10 @@ from numpy.typing import NDArray
 
 from ppmc.ct.block import NO_COARSE, Box, Coarse, Floats, Reference, window_tensors
 from ppmc.ct.combine import orient_block
-from ppmc.ct.normals import cell_axis, cell_windows, coarse_grid, smooth_cells
+from ppmc.ct.normals import Cells
 from ppmc.ct.settings import Settings
 from ppmc.ct.source import Volume
+from ppmc.ct.tiles import Tiling
 
 REFERENCE_PLANES = 64
 FIELD_NAMES = ("fibre_direction", "platelet_normal", "eigenvalues", "confidence", "planarity", "valid")
@@ -30,9 +32,9 @@ LEAST_ENERGY = 1e-6
 
 @dataclass(frozen=True)
 class Block:
-    """Results of some planes: first output plane, and fields (nz, ny, nx[, 3])."""
+    """Results of a tile: its output voxels (z, y, x), and fields (nz, ny, nx[, 3])."""
 
-    first: int
+    box: Box
     fields: dict[str, NDArray[np.generic]]
 
 
@@ -105,28 +107,6 @@ def threads_of(asked: int) -> int:
     )
 
 
-def coarse_tensors(job: Job, pool: ThreadPoolExecutor, rows: int = 4) -> Coarse | None:
-    """Return the tensors of the large window, or None where r comes from the window of p."""
-    if job.chosen.normal_window is None:
-        return None
-    cells = job.chosen.cell[::-1]
-    axes = [cell_axis(n, c) for n, c in zip(job.volume.shape, cells, strict=True)]
-    windows = cell_windows(job.chosen)
-    sums = np.empty((axes[0][1], axes[1][1], 7, axes[2][1]), np.float32)
-    across = tuple((start, start + (n - 1) * c + 1) for (start, n), c in zip(axes[1:], cells[1:], strict=True))
-
-    def fill(first: int) -> None:
-        last = min(first + rows, axes[0][1])
-        along = (axes[0][0] + first * cells[0], axes[0][0] + (last - 1) * cells[0] + 1)
-        box: Box = (along, across[0], across[1])
-        sums[first:last] = window_tensors(
-            job.volume, job.chosen, job.reference, box, windows, stride=cells, averaged=False
-        )
-
-    list(pool.map(fill, range(0, axes[0][1], rows)))
-    return coarse_grid(smooth_cells(sums, job.chosen, job.spacing), job.chosen, job.volume.shape)
-
-
 def empty_fields(shape: tuple[int, int, int]) -> dict[str, NDArray[Any]]:
     """Return arrays for the results of some output voxels (nz, ny, nx)."""
     vectors = {
@@ -136,8 +116,8 @@ def empty_fields(shape: tuple[int, int, int]) -> dict[str, NDArray[Any]]:
     return {**vectors, **scalars, "valid": np.ones(shape, np.uint8)}
 
 
-def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[Any]], first: int) -> None:
-    """Find the orientations of a box of output indices (z, y, x); ``fields`` begin at output plane ``first``."""
+def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[Any]]) -> None:
+    """Find the orientations of a box of output indices (z, y, x) and write them into ``fields``."""
     k = job.stride
     steps = job.chosen.side_steps
     # Displaced windows need tensors between the output voxels.
@@ -150,12 +130,9 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
     tensors = window_tensors(
         job.volume, job.chosen, job.reference, inside, job.chosen.window, stride=(step,) * 3, noise=job.noise
     )
-    place = tuple(a - b for (a, _), b in zip(box, (first, 0, 0), strict=True))
-    counts = tuple(b - a for a, b in box)
     if job.volume.read_mask is not None:
         here: Any = tuple(slice(a * k, (b - 1) * k + 1) for a, b in box)
-        part = tuple(slice(a, a + n) for a, n in zip(place, counts, strict=True))
-        fields["valid"][part] = job.volume.read_mask(here)[::k, ::k, ::k] != 0
+        fields["valid"] &= (job.volume.read_mask(here)[::k, ::k, ::k] != 0).astype(np.uint8)
     start, cell = np.zeros(3, np.int64), np.ones(3, np.int64)
     if coarse is not None:
         start, cell = np.array(coarse.start[::-1]), np.array(coarse.step[::-1])
@@ -164,18 +141,76 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
         tensors, corner[::-1].copy(), k // step, (1.0 / np.array(job.spacing)).astype(np.float32), steps,
         NO_COARSE if coarse is None else coarse.tensors, np.array([a * k for a, _ in box[::-1]]), k, start, cell,
         np.float32(scale), np.float32(scale * LEAST_ENERGY / min(job.spacing) ** 2), np.float32(job.least_confidence),
-        np.array(place[::-1]), np.array(counts[::-1]), *(fields[name] for name in FIELD_NAMES),
+        *(fields[name] for name in FIELD_NAMES),
     )  # fmt: skip
 
 
-def orientations(job: Job, threads: int, planes: int = 32, rows: int = 64) -> Iterator[Block]:
-    """Yield the orientations of a volume from bottom to top, ``planes`` output planes at a time."""
-    nz, ny, nx = job.shape
+def orientations(job: Job, threads: int, tiles: Tiling, scratch: Path | None = None) -> Iterator[Block]:
+    """Yield the orientations of a volume tile by tile, in the order of :meth:`Tiling.boxes`.
+
+    Parameters
+    ----------
+    job : Job
+        What to do.
+    threads : int
+        Tiles at work at the same time.
+    tiles : Tiling
+        Where to cut.
+    scratch : Path, optional
+        File for intermediate sums that would not fit into memory.
+
+    Yields
+    ------
+    Block
+        Its arrays are used again for a later tile: copy or write them before asking for the next.
+    """
     with ThreadPoolExecutor(threads) as pool:
-        coarse = coarse_tensors(job, pool)
-        for first in range(0, nz, planes):
-            last = min(first + planes, nz)
-            boxes: list[Box] = [((first, last), (y, min(y + rows, ny)), (0, nx)) for y in range(0, ny, rows)]
-            fields = empty_fields((last - first, ny, nx))
-            list(pool.map(lambda box, f=fields, z=first: orient(job, box, coarse, f, z), boxes))
-            yield Block(first, fields)
+        cells = cells_of(job)
+        if cells is not None:
+            cells.fill(pool, scratch)
+        yield from compute_tiles(job, cells, tiles.boxes(), pool, threads)
+
+
+def cells_of(job: Job) -> Cells | None:
+    """Return the cells of the large window, or None where r comes from the window of p."""
+    if job.chosen.normal_window is None:
+        return None
+    return Cells(job.volume, job.spacing, job.chosen, job.reference)
+
+
+def compute_tiles(
+    job: Job, cells: Cells | None, boxes: list[Box], pool: ThreadPoolExecutor, threads: int
+) -> Iterator[Block]:
+    """Yield the orientations of some tiles in the order given; a few buffers go round among the threads."""
+    largest = max((tuple(b - a for a, b in box) for box in boxes), key=lambda n: n[0] * n[1] * n[2], default=(1, 1, 1))
+    free = [empty_fields(largest) for _ in range(min(threads + 1, len(boxes)))]  # type: ignore[arg-type]
+    waiting = iter(boxes)
+    running: deque[tuple[Box, dict[str, NDArray[Any]], Future[dict[str, NDArray[Any]]]]] = deque()
+
+    def work(box: Box, buffer: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        k = job.stride
+        fields = _views(buffer, tuple(b - a for a, b in box))
+        voxels: Any = tuple((a * k, (b - 1) * k + 1) for a, b in box)
+        orient(job, box, None if cells is None else cells.around(voxels), fields)
+        return fields
+
+    while True:
+        while free and (box := next(waiting, None)) is not None:
+            buffer = free.pop()
+            running.append((box, buffer, pool.submit(work, box, buffer)))
+        if not running:
+            return
+        box, buffer, future = running.popleft()
+        yield Block(box, future.result())
+        free.append(buffer)
+
+
+def _views(buffer: dict[str, NDArray[Any]], shape: tuple[int, ...]) -> dict[str, NDArray[Any]]:
+    """Return contiguous arrays of a smaller shape in the memory of a buffer."""
+    views = {}
+    for name, array in buffer.items():
+        tail = array.shape[3:]
+        size = int(np.prod((*shape, *tail)))
+        views[name] = array.reshape(-1)[:size].reshape(*shape, *tail)
+    views["valid"][...] = 1
+    return views

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -10,11 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ppmc.ct.orientations import FIELD_NAMES, Job, grey_reference, orientations, threads_of
+from ppmc.ct.block import Box
+from ppmc.ct.orientations import FIELD_NAMES, Job, cells_of, compute_tiles, grey_reference, threads_of
+from ppmc.ct.parts import Fields, Parts
 from ppmc.ct.phantom import Phantom
 from ppmc.ct.registration import registered
 from ppmc.ct.settings import settings
 from ppmc.ct.source import Volume, open_volume
+from ppmc.ct.tiles import MIB, tiling
 from ppmc.errors import InputFileError, SceneError
 from ppmc.files import FIELDS, Provenance, VoxelGrid, VoxelWriter, check_output
 from ppmc.progress import Progress
@@ -23,6 +28,8 @@ from ppmc.scene.ct import VolumeSource
 if TYPE_CHECKING:
     from ppmc.scene import Scene
     from ppmc.scene.ct import CtSection
+
+Keep = Callable[[Fields, Box], None]
 
 
 def make_phantom(scene: Scene, output: Path) -> Path:
@@ -66,7 +73,14 @@ def make_phantom(scene: Scene, output: Path) -> Path:
     return output
 
 
-def run(scene: Scene, *, input: Path | None = None, output: Path) -> Path:
+def run(
+    scene: Scene,
+    *,
+    input: Path | None = None,
+    output: Path,
+    resume: bool = False,
+    part: tuple[int, int] | None = None,
+) -> Path:
     """Find fibre directions and platelet normals in a CT volume.
 
     Parameters
@@ -77,16 +91,21 @@ def run(scene: Scene, *, input: Path | None = None, output: Path) -> Path:
         The volume; ``ct: source: path`` of the scene by default.
     output : Path
         Orientations file to write.
+    resume : bool
+        Keep each finished tile in the folder ``<output>.parts`` until all are done, and use those found there.
+    part : tuple of int, optional
+        (i, n): compute only the i-th (from 1) of n shares of the tiles, and leave them in that folder; a later call
+        with ``resume`` gathers them. For shares on several machines.
 
     Returns
     -------
     Path
-        ``output``.
+        ``output``, or the folder of parts if ``part`` is given.
 
     Raises
     ------
     SceneError
-        If the scene's windows do not fit the volume, or it lacks what the file needs.
+        If the scene's windows do not fit the volume or the memory, or it lacks what the file needs.
     InputFileError
         If the volume or mask is missing, damaged or of the wrong shape.
     StorageError
@@ -98,20 +117,59 @@ def run(scene: Scene, *, input: Path | None = None, output: Path) -> Path:
     check_output(output, [path, *([mask_path] if mask_path else [])])
     with opened(scene, path, mask_path) as volume:
         job = plan(scene, volume)
-        spacing = job.spacing
-        grid = registered(VoxelGrid(volume.shape, spacing, volume.origin, volume.direction), section.registration)
+        grid = registered(VoxelGrid(volume.shape, job.spacing, volume.origin, volume.direction), section.registration)
+        threads = threads_of(section.threads)
+        tiles = tiling(
+            job.shape, job.chosen, stride=job.stride, budget=section.memory, threads=threads,
+            itemsize=volume.dtype.itemsize, masked=volume.read_mask is not None,
+        )  # fmt: skip
         provenance = Provenance.collect("ppmc.ct", scene, ("ct",), inputs=[path, mask_path])
-        with (
-            VoxelWriter(
-                output, "orientations", FIELD_NAMES, grid=grid.strided(job.stride), provenance=provenance
-            ) as out,
-            Progress("structure tensor", total=job.shape[0], unit="planes") as bar,
-        ):
-            for block in orientations(job, threads_of(section.threads)):
-                for name, values in block.fields.items():
-                    out.write(name, block.first, in_tool_axes(name, values, grid))
-                bar.advance(len(block.fields["valid"]))
+        boxes = tiles.boxes()
+        parts = Parts(output.with_name(f"{output.name}.parts"), provenance, tiles) if resume or part else None
+        if part is not None:
+            boxes = boxes[part[0] - 1 :: part[1]]
+        if parts is not None:
+            boxes = parts.missing(boxes)
+        with scratch_file(output) as scratch, ThreadPoolExecutor(threads) as pool:
+            cells = cells_of(job)
+            if cells is not None and 2 * len(boxes) > len(tiles.boxes()):
+                small = cells.nbytes < section.memory * MIB / 4
+                cells.fill(pool, None if small else scratch)
+            with Progress("structure tensor", total=len(boxes), unit="tiles") as bar, ExitStack() as stack:
+                keep = parts.keep if parts else stack.enter_context(_writer(output, job, grid, provenance))
+                for block in compute_tiles(job, cells, boxes, pool, threads):
+                    keep({name: in_tool_axes(name, values, grid) for name, values in block.fields.items()}, block.box)
+                    bar.advance()
+        if part is not None and parts is not None:
+            return parts.folder
+        if parts is not None:
+            with _writer(output, job, grid, provenance) as keep:
+                for box in tiles.boxes():
+                    keep(parts.read(box), box)
+            parts.remove()
     return output
+
+
+@contextmanager
+def _writer(output: Path, job: Job, grid: VoxelGrid, provenance: Provenance) -> Iterator[Keep]:
+    """Open the output and yield a function that writes the fields of a tile to it."""
+    with VoxelWriter(output, "orientations", FIELD_NAMES, grid=grid.strided(job.stride), provenance=provenance) as out:
+
+        def keep(fields: Fields, box: Box) -> None:
+            for name, values in fields.items():
+                out.write(name, box[0][0], values, box[1][0], box[2][0])
+
+        yield keep
+
+
+@contextmanager
+def scratch_file(output: Path) -> Iterator[Path]:
+    """Yield the name of a file beside the output that is gone afterwards."""
+    path = output.with_name(f".{output.name}.{os.getpid()}.cells")
+    try:
+        yield path
+    finally:
+        path.unlink(missing_ok=True)
 
 
 def volume_path(scene: Scene, input: Path | None) -> Path:

@@ -11,6 +11,7 @@ import pytest
 from ppmc.ct.orientations import Job, grey_reference, orientations
 from ppmc.ct.settings import settings
 from ppmc.ct.source import Volume
+from ppmc.ct.tiles import Tiling
 from ppmc.scene.ct import CtSection
 
 
@@ -28,7 +29,7 @@ def solve() -> Callable[..., dict[str, np.ndarray]]:
         thickness: float | None = None,
         mask: np.ndarray | None = None,
         threads: int = 1,
-        cut: dict[str, int] | None = None,
+        cut: tuple[int, int, int] | None = None,
         noise: np.ndarray | None = None,
         **section: object,
     ) -> dict[str, np.ndarray]:
@@ -37,8 +38,14 @@ def solve() -> Callable[..., dict[str, np.ndarray]]:
         chosen = settings(wanted, spacing, grey.shape, thickness)
         reference = grey_reference(volume)
         job = Job(volume, spacing, chosen, reference, wanted.stride, wanted.least_confidence, noise)
-        parts = list(orientations(job, threads, **(cut or {})))
-        return {name: np.concatenate([p.fields[name] for p in parts]) for name in parts[0].fields}
+        tiles = Tiling(job.shape, cut or job.shape)
+        result = {}
+        for block in orientations(job, threads, tiles):
+            place = tuple(slice(a, b) for a, b in block.box)
+            for name, values in block.fields.items():
+                whole = result.setdefault(name, np.empty((*job.shape, *values.shape[3:]), values.dtype))
+                whole[place] = values
+        return result
 
     return run
 

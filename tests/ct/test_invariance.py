@@ -149,11 +149,11 @@ def test_blocks_and_threads_change_no_bit(solve, texture, steps, stride):
             "stride": stride,
             "mask": own_mask,
         }
-        base = solve(grey, cut={"planes": 100, "rows": 100}, **options)
-        for threads, planes, rows in ((1, 7, 11), (2, 3, 5), (3, 1, 64)):
-            other = solve(grey, threads=threads, cut={"planes": planes, "rows": rows}, **options)
+        base = solve(grey, **options)
+        for threads, cut in ((1, (7, 11, 100)), (2, (13, 5, 9)), (3, (1, 64, 17)), (2, (64, 3, 64))):
+            other = solve(grey, threads=threads, cut=cut, **options)
             for name in base:
-                assert np.array_equal(other[name], base[name]), (name, threads, planes, rows)
+                assert np.array_equal(other[name], base[name]), (name, threads, cut)
 
 
 def test_stride_gives_the_voxels_of_the_full_output(solve, texture):

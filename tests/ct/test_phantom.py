@@ -116,7 +116,7 @@ def test_scenes_that_cannot_be(section, message):
     [
         (1, {}),
         (2, {"waviness": 4.0, "tilt": (4, -3)}),
-        (3, {"angles": [0, 60], "angle_spread": 10.0, "noise": 0.6}),
+        (3, {"angles": [0, 60], "angle_spread": 10.0, "noise": 0.6, "cavity": (14, 12, 4.8)}),
         (4, {"platelet": {"length": 6, "width": 3, "thickness": 0.4}}),
         (5, {"voxel_size": 0.08, "platelet": {"length": 5, "width": 3, "thickness": 1.0}}),
         (6, {"noise": 1.0}),

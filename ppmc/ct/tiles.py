@@ -1,0 +1,124 @@
+"""How a volume is cut into tiles that fit a memory budget."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+from ppmc.ct.block import Box
+from ppmc.ct.settings import Settings
+from ppmc.errors import SceneError
+
+MIB = 2**20
+BASE_BYTES = 280 * MIB
+"""What the interpreter, the compiled kernels and the file libraries take before any voxel is read."""
+FIELD_BYTES = 45
+TENSOR_BYTES = 28
+LINES = 26
+"""Planes of floats that the kernels keep, the ring not counted."""
+SIDES = (1024, 512, 256, 128, 96, 64, 48, 32, 16)
+
+
+@dataclass(frozen=True)
+class Tiling:
+    """Tiles of output voxels.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Output voxels of the volume (nz, ny, nx).
+    tile : tuple of int
+        Output voxels of a tile, at most.
+    """
+
+    shape: tuple[int, int, int]
+    tile: tuple[int, int, int]
+
+    def boxes(self) -> list[Box]:
+        """Return the tiles as ranges of output indices (z, y, x), in the order of the file."""
+        starts = (range(0, n, t) for n, t in zip(self.shape, self.tile, strict=True))
+        return [
+            tuple((a, min(a + t, n)) for a, t, n in zip(corner, self.tile, self.shape, strict=True))  # type: ignore[misc]
+            for corner in itertools.product(*starts)
+        ]
+
+
+def halo_of(chosen: Settings) -> tuple[int, int, int]:
+    """Return how many voxels beyond a tile its computation looks at (z, y, x)."""
+    reach = zip(chosen.gradient_radius[::-1], chosen.window_radius[::-1], strict=True)
+    hz, hy, hx = (g + w + chosen.side_steps for g, w in reach)
+    return hz, hy, hx
+
+
+def tile_bytes(tile: tuple[int, int, int], chosen: Settings, stride: int, itemsize: int, masked: bool) -> int:
+    """Return the memory that one tile of output voxels takes while it is computed."""
+    grown = [t * stride + 2 * h for t, h in zip(tile, halo_of(chosen), strict=True)]
+    voxels = grown[0] * grown[1] * grown[2]
+    plane = grown[1] * grown[2] * 4
+    outputs = tile[0] * tile[1] * tile[2]
+    dense = 1 if chosen.side_steps else stride
+    tensors = TENSOR_BYTES * voxels // dense**3
+    ring = (len(chosen.window[2]) + 16) * 7 * plane // dense**2
+    return voxels * (4 + itemsize + (16 if masked else 0)) + tensors + ring + LINES * plane + FIELD_BYTES * outputs
+
+
+def tiling(
+    shape: tuple[int, int, int],
+    chosen: Settings,
+    *,
+    stride: int,
+    budget: float,
+    threads: int,
+    itemsize: int,
+    masked: bool,
+) -> Tiling:
+    """Return the tiling with the least repeated work whose tiles, one for each thread and one being written, fit.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Output voxels (nz, ny, nx).
+    chosen : Settings
+        Filters, which decide how far tiles overlap.
+    stride : int
+        Distance of output voxels.
+    budget : float
+        Memory, MiB.
+    threads : int
+        Tiles at work at the same time.
+    itemsize : int
+        Bytes of a grey value.
+    masked : bool
+        Whether there is a mask.
+
+    Raises
+    ------
+    SceneError
+        If not even the smallest tile fits.
+    """
+    room = budget * MIB - BASE_BYTES
+    halo = halo_of(chosen)
+    best: tuple[float, tuple[int, int, int]] | None = None
+    least = 0
+    sides = [sorted({min(n, s) for s in SIDES}, reverse=True) for n in shape]
+    for tile in itertools.product(sides[0], sides[1], sides[2]):
+        need = tile_bytes(tile, chosen, stride, itemsize, masked) * threads + FIELD_BYTES * tile[0] * tile[1] * tile[2]
+        least = need if least == 0 else min(least, need)
+        count = 1
+        for n, t in zip(shape, tile, strict=True):
+            count *= -(-n // t)
+        if need > room or (count < 2 * threads and max(shape) > 64):
+            continue
+        work = 1.0
+        for t, h in zip(tile, halo, strict=True):
+            work *= 1.0 + 2.0 * h / (t * stride)
+        # Tiles of moderate size are kinder to the caches; beyond that only repeated work counts.
+        work *= 1.0 + need / (64.0 * room)
+        if best is None or work < best[0]:
+            best = (work, tile)
+    if best is None:
+        raise SceneError(
+            f"ct: memory: {budget:.0f} MiB is too little for {threads} threads; the smallest tiles need "
+            f"{(least + BASE_BYTES) / MIB:.0f} MiB (or use fewer threads, or smaller windows)"
+        )
+    return Tiling(shape, best[1])
