@@ -23,6 +23,8 @@ class Checkpoint:
     history : ndarray, shape (steps, columns)
     forced : ndarray, shape (tools, 3)
         Displacement of force-controlled tools, mm.
+    coarse : dict of ndarray
+        Coarse level of the preconditioner and its counters.
     time, time_step : float
         Time reached and last step, s.
     frames : int
@@ -34,6 +36,7 @@ class Checkpoint:
     list_shape: np.ndarray
     history: np.ndarray
     forced: np.ndarray
+    coarse: dict[str, np.ndarray]
     time: float
     time_step: float
     frames: int
@@ -53,6 +56,7 @@ def save_checkpoint(output: Path, checkpoint: Checkpoint, provenance: Provenance
     path = first if ages[0] <= ages[1] else second
     arrays = {f"state_{name}": values for name, values in checkpoint.state.arrays().items()}
     arrays |= {name: getattr(checkpoint, name) for name in ("list_positions", "list_shape", "history", "forced")}
+    arrays |= {f"coarse_{name}": values for name, values in checkpoint.coarse.items()}
     # Floats go as hexadecimal text: exact, where a decimal detour need not be.
     attributes: dict[str, Any] = {
         "time": float(checkpoint.time).hex(),
@@ -75,9 +79,10 @@ def load_checkpoint(output: Path, key: str) -> Checkpoint | None:
             continue  # damaged; the other one is there for that
         if provenance.key != key:
             continue
-        state = ParticleState(**{k.removeprefix("state_"): v for k, v in arrays.items() if k.startswith("state_")})
+        state = ParticleState(**_with_prefix(arrays, "state_"))
         found = Checkpoint(
             state, arrays["list_positions"], arrays["list_shape"], arrays["history"], arrays["forced"],
+            _with_prefix(arrays, "coarse_"),
             float.fromhex(attributes["time"]), float.fromhex(attributes["time_step"]), attributes["frames"],
         )  # fmt: skip
         if best is None or found.time > best.time:
@@ -89,3 +94,7 @@ def remove_checkpoints(output: Path) -> None:
     """Delete both files, once the run is complete."""
     for path in checkpoint_paths(output):
         path.unlink(missing_ok=True)
+
+
+def _with_prefix(arrays: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
+    return {name.removeprefix(prefix): values for name, values in arrays.items() if name.startswith(prefix)}

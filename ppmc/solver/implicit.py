@@ -16,6 +16,7 @@ import numpy as np
 from ppmc.errors import NumericalError
 from ppmc.solver import materials
 from ppmc.solver.block_jacobi import restricted_inverse
+from ppmc.solver.coarse_schedule import CoarseSchedule
 from ppmc.solver.conjugate_gradient import Solution, conjugate_gradient
 from ppmc.solver.contact import Contacts
 from ppmc.solver.gradient import moment_inverses, velocity_gradient
@@ -87,6 +88,7 @@ class ImplicitIntegrator:
         self.state = state
         self.neighbours: NeighbourList | None = None
         self.list_shape = np.empty((0, 6))
+        self.coarse = CoarseSchedule(model.settings.coarse_tiles)
 
     def refresh_neighbours(self, force: bool = False) -> None:
         """Sort the particles and list neighbours anew if the list is stale."""
@@ -183,12 +185,14 @@ class ImplicitIntegrator:
             right_side = load - operator.stress_force(state.wall_stress)
             free, held = contacts.constrain(dt)
             system = VelocitySystem(operator, mass, drag, free, restricted_inverse(blocks + drag, free))
+            system.coarse = self.coarse.level_for(system, state)
             solution = conjugate_gradient(
                 system.apply, system.project, system.precondition, right_side + drag_load,
                 system.project(velocities) + held, tolerance=model.settings.velocity_tolerance,
                 max_iterations=model.settings.max_iterations,
             )  # fmt: skip
             velocities = solution.velocities
+            self.coarse.note(solution.iterations)
             report.iterations += solution.iterations
             report.passes += 1
             report.estimated_error = solution.estimated_error

@@ -112,6 +112,7 @@ class Simulation:
         self.integrator = ImplicitIntegrator(self.model, saved.state)
         self.integrator.list_shape = saved.list_shape
         self.integrator.rebuild_list(saved.list_positions)
+        self.integrator.coarse.restore(saved.coarse)
         self.model.walls.forced = saved.forced
         self.time, self.step_size = saved.time, saved.time_step
         self.report = StepReport()
@@ -191,7 +192,7 @@ class Simulation:
             self.output,
             Checkpoint(
                 self.state, neighbours.positions, self.integrator.list_shape, self.history.table(),
-                self.model.walls.forced, self.time, self.step_size, self.writer.frames,
+                self.model.walls.forced, self.integrator.coarse.save(), self.time, self.step_size, self.writer.frames,
             ),
             self.provenance,
         )  # fmt: skip

@@ -1,11 +1,17 @@
 """The linear system of one solve: operator, inertia, wall drag, and the directions that the tools leave free."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ppmc.solver.block_jacobi import multiply_blocks
 from ppmc.solver.operator import Operator
+
+if TYPE_CHECKING:
+    from ppmc.solver.coarse import SortedLevel
 
 
 @dataclass
@@ -23,6 +29,8 @@ class VelocitySystem:
         Projections onto the free directions.
     inverse : ndarray, shape (n, 3, 3)
         Block-Jacobi inverse on the free directions.
+    coarse : SortedLevel, optional
+        Coarse level of the preconditioner.
     """
 
     operator: Operator
@@ -30,6 +38,7 @@ class VelocitySystem:
     drag: np.ndarray
     free: np.ndarray
     inverse: np.ndarray
+    coarse: SortedLevel | None = None
 
     def apply(self, velocities: np.ndarray) -> np.ndarray:
         """Force that opposes the motion, shape (n, 3), Pa mm^2."""
@@ -44,4 +53,7 @@ class VelocitySystem:
 
     def precondition(self, residual: np.ndarray) -> np.ndarray:
         """Approximate solution for a residual, in the free directions."""
-        return multiply_blocks(self.inverse, residual)
+        out = multiply_blocks(self.inverse, residual)
+        if self.coarse is not None:
+            out += self.coarse.correct(residual, self.free)
+        return out
