@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from ppmc.charge.frames import DRAPED, Frames
 from ppmc.charge.lattice import Lattice, box_lattice
-from ppmc.charge.membrane import Project, least_area, relax
+from ppmc.charge.membrane import Project, least_area, relax, relax_coarsely
 from ppmc.charge.surface_normals import Distance
 from ppmc.errors import SceneError
 from ppmc.orientation import normalise, push_affine, push_normal
 from ppmc.scene.charge import DrapedDomain
 
 Array = NDArray[np.floating]
-MOST_NODES_A_SIDE = 91
+MOST_NODES_A_SIDE = 89
 # A bend may thin or thicken cells; below this ratio of areas a face would all but fold over.
 LEAST_AREA_RATIO = 0.1
 # A mean width over the thickness that exceeds the middle's by more than this is taken back.
@@ -69,14 +69,17 @@ def drape(domain: DrapedDomain, sheet: Lattice, distance: Distance) -> Draped:
     Raises
     ------
     SceneError
-        If the sheet misses the tool, hangs over its edge, or is too thick for its bends.
+        If the sheet misses the tool, does not come to lie on it, or is too thick for its bends.
     """
     length, width, thickness = domain.size
     project = _onto(distance, thickness / 2.0)
     track = _onto(distance, thickness / 2.0, rounds=1)
     u, v = _nodes(length, sheet.spacing[0]), _nodes(width, sheet.spacing[1])
     hu, hv = u[1] - u[0], v[1] - v[0]
-    nodes, residual, _ = relax(_lay_down(domain, u, v, distance, project), hu, hv, domain.poisson_ratio, track)
+    start, isometric = _lay_down(domain, u, v, distance, project)
+    if not isometric:
+        start = relax_coarsely(start, hu, hv, domain.poisson_ratio, project)
+    nodes, residual, _ = relax(start, hu, hv, domain.poisson_ratio, track)
     draped, over = _thickened(domain, sheet, project, _at_columns(nodes, u, v, sheet))
     if max(over) > 1.0 + WIDER:
         # Outer halves of bends are longer than inner ones: the middle takes less, so that the mean over the
@@ -162,13 +165,13 @@ def _onto(distance: Distance, offset: float, rounds: int = 4) -> Project:
 
 
 def _nodes(extent: float, spacing: float) -> Array:
-    """Return an odd number of node coordinates, centred, about as dense as the particles but not too many."""
-    n = min(int(np.ceil(extent / spacing)) // 2 * 2 + 1, MOST_NODES_A_SIDE)
-    return np.linspace(-extent / 2.0, extent / 2.0, max(n, 5))
+    """Return one more than a multiple of eight node coordinates, centred, about as dense as the particles."""
+    n = min((int(np.ceil(extent / spacing)) + 4) // 8 * 8 + 1, MOST_NODES_A_SIDE)
+    return np.linspace(-extent / 2.0, extent / 2.0, max(n, 9))
 
 
-def _lay_down(domain: DrapedDomain, u: Array, v: Array, distance: Distance, project: Project) -> Array:
-    """Return a first shape: laid on along straight lines, or where these cross, pressed down and too small.
+def _lay_down(domain: DrapedDomain, u: Array, v: Array, distance: Distance, project: Project) -> tuple[Array, bool]:
+    """Return a first shape, and whether it is laid on along straight lines or, where these cross, pressed down small.
 
     Raises
     ------
@@ -183,16 +186,20 @@ def _lay_down(domain: DrapedDomain, u: Array, v: Array, distance: Distance, proj
     phi, normals = distance(x.reshape(-1, 3))
     on_tool = np.abs(phi - domain.size[2] / 2.0).max() < 0.05 * domain.size[2]
     if on_tool and least_area(x, hu, hv, normals.reshape(x.shape)) > 0.5:
-        return x
+        return x, True
     flat = u[:, None, None] * along + v[None, :, None] * across
     for scale in np.arange(1.0, 0.15, -0.05):
         points = (np.asarray(domain.centre) + scale * flat).reshape(-1, 3)
+        # The corners first: most sheets that are too large miss the tool there.
+        ends = [0, len(v) - 1, len(points) - len(v), len(points) - 1]
+        if not _drop(points[ends], down, max(domain.size), distance)[1].all():
+            continue
         points, hit = _drop(points, down, max(domain.size), distance)
         if not hit.all():
             continue
         x = project(points)[0].reshape(len(u), len(v), 3)
         if least_area(x, hu, hv, project(points)[1].reshape(x.shape)) > 0.0:
-            return x
+            return x, False
     raise SceneError(
         f"charge.domain: a sheet of {domain.size[0]:g} x {domain.size[1]:g} mm does not come to lie on tool "
         f"'{domain.tool}'; take a smaller sheet, move its centre, or turn `down`"
@@ -242,15 +249,20 @@ def _drop(points: Array, down: Array, size: float, distance: Distance) -> tuple[
 
     Each point goes down by its distance to the tool, which never passes through it.
     """
-    reach = 20.0 * size
-    start = points - reach * down
+    reach = 10.0 * size
+    place = points - reach * down
     gone = np.zeros(len(points))
-    for _ in range(400):
-        phi, _ = distance(start + gone[:, None] * down)
-        gone = np.where(phi > 1e-6 * size, gone + np.abs(phi), gone)
-        if np.all((phi <= 1e-6 * size) | (gone > 2.0 * reach)):
+    hit = np.zeros(len(points), dtype=bool)
+    moving = np.arange(len(points))
+    for _ in range(1000):
+        phi, _ = distance(place[moving])
+        hit[moving] = phi < 1e-6 * size
+        gone[moving] += phi
+        moving = moving[(phi >= 1e-6 * size) & (gone[moving] < 2.0 * reach)]
+        if len(moving) == 0:
             break
-    return start + gone[:, None] * down, phi <= 1e-4 * size
+        place[moving] = points[moving] + (gone[moving] - reach)[:, None] * down
+    return place, hit
 
 
 def _at_columns(nodes: Array, u: Array, v: Array, sheet: Lattice) -> Array:

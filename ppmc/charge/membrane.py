@@ -19,6 +19,8 @@ MOST_STEPS = 3000
 SMALLEST_DETERMINANT = 1e-4
 # No node moves further than this share of the node distance in one step.
 LONGEST_MOVE = 0.1
+# A sheet with faces pressed together to less than this share of their area is about to fold.
+FOLDING = 0.2
 # Forces that would change strains by less than this count as balanced.
 STRAIN_TOLERANCE = 5e-5
 
@@ -164,3 +166,25 @@ def relax(x: Array, hu: float, hv: float, poisson: float, project: Project) -> t
         x[middle] = held
         velocity -= np.sum(velocity * normals, axis=-1, keepdims=True) * normals
     return x, residual, MOST_STEPS
+
+
+def relax_coarsely(x: Array, hu: float, hv: float, poisson: float, project: Project) -> Array:
+    """Return a sheet far from balance brought near it, by relaxing every fourth and then every second node first.
+
+    Long waves take as many steps to even out as there are nodes along them; on a coarse sheet that is few. What the
+    coarse sheet moves is passed on to all nodes by cubic interpolation, unless that would fold the fine sheet.
+    Arguments as `relax`; the numbers of nodes are one more than a multiple of four, or that level is left out.
+    """
+    from scipy.interpolate import RectBivariateSpline
+
+    u, v = np.arange(x.shape[0], dtype=float), np.arange(x.shape[1], dtype=float)
+    for stride in (4, 2):
+        if (x.shape[0] - 1) % stride or (x.shape[1] - 1) % stride or min(x.shape[:2]) < 4 * stride:
+            continue
+        coarse = x[::stride, ::stride]
+        moved = relax(coarse, stride * hu, stride * hv, poisson, project)[0] - coarse
+        change = [RectBivariateSpline(u[::stride], v[::stride], moved[..., a])(u, v) for a in range(3)]
+        points, normals = project((x + np.stack(change, axis=-1)).reshape(-1, 3))
+        if least_area(points.reshape(x.shape), hu, hv, normals.reshape(x.shape)) > FOLDING:
+            x = points.reshape(x.shape)
+    return x

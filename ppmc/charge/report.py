@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -41,6 +42,12 @@ def lines(path: Path) -> list[str]:
         "  orientations: " + ", ".join(shares),
     ]  # fmt: skip
     for name, value in extra.items():
-        shown = f"{value:.5g}" if isinstance(value, float) else value
-        out.append(f"  {name.replace('_', ' ')}: {shown}")
+        out.append(f"  {name.replace('_', ' ')}: {_shown(value)}")
     return out
+
+
+def _shown(value: Any) -> str:
+    """Return a note as text, numbers with few digits."""
+    if isinstance(value, list):
+        return " ".join(_shown(v) for v in value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

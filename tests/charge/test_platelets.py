@@ -138,7 +138,7 @@ FIVE_STEP = [(12.7, 12.7, 0.482), (12.7, 6.35, 0.609), (6.35, 6.35, 0.488), (12.
 @pytest.mark.parametrize(("length", "width", "expected"), FIVE_STEP)
 def test_five_step_statistics_of_the_reference(length, width, expected):
     lattice = box_lattice(*BRACKET[:2], BRACKET[2], layers=1)
-    A11 = [np.mean(platelets(lattice, s, length=length, width=width).fibre_direction[:, 0] ** 2) for s in range(30)]
+    A11 = [np.mean(platelets(lattice, s, length=length, width=width).fibre_direction[:, 0] ** 2) for s in range(20)]
     # Both means come from few runs: their difference stays within the runs' own spread.
     assert abs(np.mean(A11) - expected) < np.std(A11)
 
@@ -150,10 +150,10 @@ def test_soft_walls_forget_the_box():
 
 
 def test_the_measured_charge_of_the_bracket_can_be_matched():
-    # J13, and the parameters stated in the documentation of the charge.
+    # J13, with the parameters that the scene's `platelets` section states.
     lattice = box_lattice(*BRACKET, layers=12)
     keys = {"width": 6.35, "wall_softness": 0.35, "pitch": 9.5, "roll": 19.5, "on_edge": {"share": 0.9}}
-    runs = [platelets(lattice, s, **keys) for s in range(6)]
+    runs = [platelets(lattice, s, **keys) for s in range(4)]
     A = np.mean([np.diag(orientation_tensor(f.fibre_direction)) for f in runs], axis=0)
     N = np.mean([np.diag(orientation_tensor(f.platelet_normal)) for f in runs], axis=0)
     np.testing.assert_allclose(A, [0.503, 0.469, 0.028], atol=0.02)

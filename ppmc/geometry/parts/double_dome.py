@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 BELOW = 40.0
 
 
+# A sheet laid over the round ends is pressed together there and gets thicker, by at most about this factor.
+SWELLING = 1.5
+
+
 class DoubleDome(Part):
     """Punch below, die above; the cavity is `thickness` wide everywhere, measured along the normal, at closure."""
 
@@ -44,10 +48,10 @@ class DoubleDome(Part):
     """Volume of the charge, mm^3; the length of the straight part follows from it."""
     charge: Literal["transverse", "axial"] = "transverse"
     """Charge laid across the middle over the full width, or along the axis over the ends too."""
-    charge_length: PositiveLength = 140.0
-    """Length of the transverse charge along x3, or of the axial charge's sheet along the axis."""
+    charge_length: PositiveLength | None = None
+    """Length of the charge's sheet along x3; 140 mm (transverse) or 60 mm over both ends of the spine if left out."""
     charge_width: PositiveLength | None = None
-    """Width of the charge's sheet; the developed width of the punch if left out."""
+    """Width of the charge's sheet; all of the punch's developed width (transverse) or 0.8 of it if left out."""
     closing_speed: PositiveVelocity = 5.0
     """Speed of the die, along -x2."""
 
@@ -59,9 +63,9 @@ class DoubleDome(Part):
             raise ValueError(
                 f"the round ends alone take more than the volume of {self.volume:g} mm^3; give a larger volume"
             )
-        if self.charge == "transverse" and self.charge_length > self.spine:
+        if self.charge == "transverse" and self.sheet[1] > self.spine:
             raise ValueError(
-                f"charge_length {self.charge_length:g} mm reaches beyond the straight part of {self.spine:.4g} mm; "
+                f"charge_length {self.sheet[1]:g} mm reaches beyond the straight part of {self.spine:.4g} mm; "
                 "shorten it or give `charge: axial`"
             )
         return self
@@ -131,13 +135,16 @@ class DoubleDome(Part):
     @property
     def sheet(self) -> tuple[float, float, float]:
         """Width, length and thickness of the charge laid flat, mm; its thickness holds the volume."""
-        width = self.charge_width or self.developed_width
-        return width, self.charge_length, self.volume / (width * self.charge_length)
+        across = self.charge == "transverse"
+        width = self.charge_width or self.developed_width * (1.0 if across else 0.8)
+        length = self.charge_length or (140.0 if across else self.spine + 120.0)
+        return width, length, self.volume / (width * length)
 
     @property
     def stroke(self) -> float:
         """Travel of the die, mm: opened so far that the charge fits between walls and between flats."""
-        excess = self.sheet[2] - self.thickness
+        swollen = self.sheet[2] * (1.0 if self.charge == "transverse" else SWELLING)
+        excess = max(swollen - self.thickness, 0.0)
         return max(excess, excess / math.sin(math.radians(self.draft)))
 
     def tooling(self) -> dict[str, dict[str, Any]]:
