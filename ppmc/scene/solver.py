@@ -60,7 +60,7 @@ class SolverSection(Section):
     strain_rate: PositiveStrainRate | None = Field(default=None, examples=["1 1/s"])
     """Closing strain rate used by `bulk_ratio`, 1/s; estimated from the tools and the charge if left out."""
 
-    velocity_tolerance: float = Field(default=1e-3, gt=0, lt=0.1)
+    velocity_tolerance: float = Field(default=5e-4, gt=0, lt=0.1)
     """Estimated relative error of the velocity at which an implicit solve stops."""
     max_iterations: int = Field(default=4000, gt=0)
     """Iterations after which an implicit solve gives up and says so."""

@@ -25,10 +25,10 @@ class CoarseSchedule:
         Solves since the level was made, iterations of the first of them, iterations of the last solve.
     """
 
-    def __init__(self, most: int) -> None:
+    def __init__(self, most: int, stiff: bool) -> None:
         self.most = most
         self.level: CoarseLevel | None = None
-        self.age = self.first = self.last = 0
+        self.age, self.first, self.last = 0, 0, WORTH if stiff else 0
 
     def level_for(self, system: VelocitySystem, state: ParticleState) -> SortedLevel | None:
         """Return the level to use for a system, made anew if it is due; None while it doesn't pay."""

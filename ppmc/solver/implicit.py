@@ -31,6 +31,7 @@ from ppmc.solver.transport import convect_deformation, convect_directions, jeffe
 
 SKIN = 0.1  # of the support radius
 RELEASE = 1e-3  # pull, in mean pressing reactions, that releases a contact
+STIFF = 100.0  # anisotropy ratio from which the coarse level is there from the first solve
 TOUCH = 1e-6  # gap, in spacings, at which a face counts as touched
 
 
@@ -88,7 +89,7 @@ class ImplicitIntegrator:
         self.state = state
         self.neighbours: NeighbourList | None = None
         self.list_shape = np.empty((0, 6))
-        self.coarse = CoarseSchedule(model.settings.coarse_tiles)
+        self.coarse = CoarseSchedule(model.settings.coarse_tiles, stiff=model.material.ratio > STIFF)
 
     def refresh_neighbours(self, force: bool = False) -> None:
         """Sort the particles and list neighbours anew if the list is stale."""
@@ -127,6 +128,10 @@ class ImplicitIntegrator:
             self._solve(time, time_step, update=False)
             return StepReport()
         return self._solve(time, time_step, update=False)
+
+    def longest_step(self) -> float:
+        """Longest step that the method allows, s: any."""
+        return float("inf")
 
     def step(self, time: float, time_step: float) -> StepReport:
         """Advance the state from `time` by `time_step` (s)."""

@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ppmc.compile_cache import njit, prange
+from ppmc.solver import single_direction
 from ppmc.solver.gradient import moment_inverses
 from ppmc.solver.neighbours import Pairs
 
@@ -69,10 +70,21 @@ class Operator:
         """Return A v, shape (n, 3), Pa mm^2: the force that the material opposes to the motion."""
         n = len(velocities)
         out = np.empty((n, 3)) if out is None else out
+        p = self.pairs
+        if self.directions.shape[1] <= 1:
+            if not self._work:
+                self._work = [np.empty((n, single_direction.PACKED))]
+            packed = self._work[0]
+            single_direction.stress_sweep(
+                p.start, p.count, p.index, p.weight, self.positions, self.volumes, self.inverse, self.first,
+                self.shear, self.bulk, self.fibre, self.directions, self.control, velocities,
+                int(p.count.max(initial=0)), packed, out,
+            )  # fmt: skip
+            single_direction.force_sweep(p.start, p.count, p.index, p.weight, self.volumes, packed, out)
+            return out
         if not self._work:
             self._work = [np.empty((n, 3, 3)), np.empty((n, 3, 3))]
         gradient, traction = self._work
-        p = self.pairs
         _stress_sweep(
             p.start, p.count, p.index, p.weight, self.positions, self.volumes, self.inverse, self.first, self.shear,
             self.bulk, self.fibre, self.directions, self.control, velocities, gradient, traction, out,

@@ -11,6 +11,7 @@ from ppmc.errors import NumericalError, StoppedWithCheckpoint
 from ppmc.files import Provenance, SeriesWriter, write_state
 from ppmc.progress import Progress
 from ppmc.solver.checkpoint import Checkpoint, load_checkpoint, remove_checkpoints, save_checkpoint
+from ppmc.solver.explicit import ExplicitIntegrator
 from ppmc.solver.frames import field_names, frame
 from ppmc.solver.history import History
 from ppmc.solver.implicit import ImplicitIntegrator, Model, StepReport
@@ -91,7 +92,7 @@ class Simulation:
         saved = load_checkpoint(self.output, self.provenance.key) if resume and partial.exists() else None
         if saved is None:
             remove_checkpoints(self.output)
-            self.integrator = ImplicitIntegrator(self.model, self.state)
+            self.integrator = self._make_integrator()
             self.time, self.step_size = 0.0, np.inf
             self.history = History(names, table)
             self.report = self._guarded(
@@ -109,7 +110,7 @@ class Simulation:
             self._write_frame()
             return
         self.state = saved.state
-        self.integrator = ImplicitIntegrator(self.model, saved.state)
+        self.integrator = self._make_integrator()
         self.integrator.list_shape = saved.list_shape
         self.integrator.rebuild_list(saved.list_positions)
         self.integrator.coarse.restore(saved.coarse)
@@ -120,11 +121,15 @@ class Simulation:
         self.writer = SeriesWriter.resume(partial, saved.frames)
         print(f"resumed at t = {self.time:.6g} s, step {len(self.history.rows)}")
 
+    def _make_integrator(self) -> ImplicitIntegrator:
+        explicit = self.model.settings.integrator == "explicit"
+        return (ExplicitIntegrator if explicit else ImplicitIntegrator)(self.model, self.state)
+
     def _step(self, target: float) -> None:
         settings = self.model.settings
         step = proposed_step(
             self.state.velocity_gradient, settings.max_strain_increment, settings.max_displacement,
-            settings.max_time_step or np.inf, self.step_size,
+            min(settings.max_time_step or np.inf, self.integrator.longest_step()), self.step_size,
         )  # fmt: skip
         if not np.isfinite(step):
             step = 10.0 * FIRST_STEP_SHARE * settings.end_time
