@@ -23,6 +23,7 @@ ROUNDING = np.float32(1e-4)
 FLATNESS = np.float32(10.0)
 """Penalty on p leaving the plane of r, in units of the least eigenvalue: nothing where p is certain, decisive where
 two platelets mix (at 10 the mean tensors of the phantom err by less than half of what they do without)."""
+DEGREES, RIGHT_ANGLE = np.float32(180.0 / np.pi), np.float32(90.0)
 PARALLEL = np.float32(0.05)
 """Sine below which a normal is too close to p to be made orthogonal to it; the small window's normal serves then."""
 
@@ -99,18 +100,36 @@ def _keep_better(score, best_score, tensor, best):
 
 
 @njit(nogil=True)
-def _press_flat_row(tensor, least, normal):
-    """Add to each tensor along r what is left of it along p: a doubtful p is kept in the platelet's plane."""
-    n = U(least.shape[0])
+def _press_flat_row(tensor, press, normal):
+    """Add to each tensor ``press`` times its normal's dyad: a doubtful p is kept in the platelet's plane."""
+    n = U(press.shape[0])
     for i in range(n):
         x, y, z = normal[i], normal[n + i], normal[U(2) * n + i]
-        press = FLATNESS * max(least[i], ZERO)
-        tensor[i] += press * x * x
-        tensor[n + i] += press * y * y
-        tensor[U(2) * n + i] += press * z * z
-        tensor[U(3) * n + i] += press * x * y
-        tensor[U(4) * n + i] += press * y * z
-        tensor[U(5) * n + i] += press * x * z
+        c = press[i]
+        tensor[i] += c * x * x
+        tensor[n + i] += c * y * y
+        tensor[U(2) * n + i] += c * z * z
+        tensor[U(3) * n + i] += c * x * y
+        tensor[U(4) * n + i] += c * y * z
+        tensor[U(5) * n + i] += c * x * z
+
+
+@njit(nogil=True)
+def _release_row(small, press, normal):
+    """Take the pressure out of the eigenvalues again: mean squared gradients along the axes that were found."""
+    n = U(press.shape[0])
+    n2, n3, n4, n5, n6, n7, n8 = U(2) * n, U(3) * n, U(4) * n, U(5) * n, U(6) * n, U(7) * n, U(8) * n
+    for i in range(n):
+        x, y, z = normal[i], normal[n + i], normal[n2 + i]
+        a = small[n3 + i] * x + small[n4 + i] * y + small[n5 + i] * z
+        b = small[n6 + i] * x + small[n7 + i] * y + small[n8 + i] * z
+        l1 = small[i] - press[i] * a * a
+        l3 = small[n2 + i] - press[i] * b * b
+        l2 = small[n + i] - press[i] * max(ONE - a * a - b * b, ZERO)
+        low, high = min(l2, l3), max(l2, l3)
+        small[i] = min(l1, low)
+        small[n + i] = max(l1, low)
+        small[n2 + i] = high
 
 
 @njit(nogil=True)
@@ -158,10 +177,11 @@ def _orthogonal_row(small, large):
 
 
 @njit(nogil=True)
-def _certainty_row(small, large, scale, out):
-    """Write eigenvalues, linearity of p and planarity of r into rows 6 to 10 of ``out``."""
+def _certainty_row(small, large, scale, samples, out):
+    """Write eigenvalues, linearity of p, planarity of r and predicted error of p into rows 6 to 11 of ``out``."""
     n = U(small.shape[0] // 9)
-    n2, n6, n7, n8, n9, n10 = U(2) * n, U(6) * n, U(7) * n, U(8) * n, U(9) * n, U(10) * n
+    n2, n6, n7, n8 = U(2) * n, U(6) * n, U(7) * n, U(8) * n
+    n3, n4, n5, n9, n10, n11 = U(3) * n, U(4) * n, U(5) * n, U(9) * n, U(10) * n, U(11) * n
     for i in range(n):
         l1 = max(small[i], ZERO)
         l2 = max(small[n + i], ZERO)
@@ -173,12 +193,19 @@ def _certainty_row(small, large, scale, out):
         m2 = max(large[n + i], ZERO)
         m3 = max(large[n2 + i], m2)
         out[n10 + i] = (m3 - m2) / (m2 + m3 + TINY)
+        # l1 / (l2 - l1) and its like, guarded by rounding; beyond a right angle an axis cannot err
+        a = l2 - l1 + ROUNDING * l3 + TINY
+        b = l3 - l1 + ROUNDING * l3 + TINY
+        px, py, pz = small[n3 + i], small[n4 + i], small[n5 + i]
+        count = samples[0] * (ONE + samples[1] * px * px + samples[2] * py * py + samples[3] * pz * pz)
+        error = DEGREES * np.sqrt((l1 * l2 / (a * a) + l1 * l3 / (b * b)) / count)
+        out[n11 + i] = error if error < RIGHT_ANGLE else RIGHT_ANGLE
 
 
 @njit(nogil=True)
-def _store_row(frame, least_energy, least_confidence, fibre, normal, values, confidence, planarity, valid):
+def _store_row(frame, least_energy, least_confidence, fibre, normal, values, confidence, planarity, predicted, valid):
     """Copy a row of results to the fields; ``valid`` keeps zeros it has on entry."""
-    n = U(frame.shape[0] // 11)
+    n = U(frame.shape[0] // 12)
     for i in range(n):
         for c in range(3):
             fibre[i, c] = frame[U(c) * n + i]
@@ -186,13 +213,16 @@ def _store_row(frame, least_energy, least_confidence, fibre, normal, values, con
             values[i, c] = frame[U(6 + c) * n + i]
         confidence[i] = frame[U(9) * n + i]
         planarity[i] = frame[U(10) * n + i]
+        predicted[i] = frame[U(11) * n + i]
         energetic = frame[U(6) * n + i] + frame[U(7) * n + i] + frame[U(8) * n + i] > least_energy
         valid[i] &= energetic and frame[U(9) * n + i] >= least_confidence
 
 
 @njit(nogil=True)
-def orient_block(tensors, corner, step, inverse_h, side_steps, coarse, voxel, stride, start, cell, scale, least_energy,
-                 least_confidence, fibre, normal, values, confidence, planarity, valid):  # fmt: skip
+def orient_block(
+    tensors, corner, step, inverse_h, side_steps, coarse, voxel, stride, start, cell, scale, least_energy,
+    least_confidence, samples, fibre, normal, values, confidence, planarity, predicted, valid,
+):  # fmt: skip
     """Turn the tensors of a block into orientations.
 
     Parameters
@@ -213,8 +243,10 @@ def orient_block(tensors, corner, step, inverse_h, side_steps, coarse, voxel, st
         Voxel in the middle of the first coarse cell, and distance of cells.
     scale, least_energy, least_confidence : float32
         Unit of the eigenvalues; trace (in that unit) and linearity below which a voxel is invalid.
+    samples : (4,) float32
+        Independent gradients that the small window averages, and how many more if p is along x, y or z.
     fibre, normal, values : (oz, oy, ox, 3) float32
-    confidence, planarity : (oz, oy, ox) float32
+    confidence, planarity, predicted : (oz, oy, ox) float32
     valid : (oz, oy, ox) uint8
         Filled; ``valid`` keeps zeros it has on entry.
     """
@@ -225,7 +257,7 @@ def orient_block(tensors, corner, step, inverse_h, side_steps, coarse, voxel, st
     small = np.empty(9 * ox, np.float32)
     large = np.empty(9 * ox, np.float32)
     normal_row = large[6 * ox :]
-    frame = np.empty(11 * ox, np.float32)
+    frame = np.empty(12 * ox, np.float32)
     score = np.empty(ox, np.float32)
     best_score = np.empty(ox, np.float32)
     scratch = np.empty(coarse.shape[3] if two_scales else 1, np.float32)
@@ -253,8 +285,12 @@ def orient_block(tensors, corner, step, inverse_h, side_steps, coarse, voxel, st
                         smallest_row(other, score)
                         _keep_better(score, best_score, other, best)
             if two_scales:
+                for i in range(ox):
+                    best_score[i] = FLATNESS * max(best_score[i], ZERO)
                 _press_flat_row(best, best_score, normal_row)
             solve_row(best, small)
+            if two_scales:
+                _release_row(small, best_score, normal_row)
             if two_scales or side_steps > 0:
                 _orthogonal_row(small, large)
             else:
@@ -262,8 +298,8 @@ def orient_block(tensors, corner, step, inverse_h, side_steps, coarse, voxel, st
             # one sign for each axis: p towards +x, r towards +z, so that neighbours look alike
             _axis_row(small, 3, 1, frame, 0)
             _axis_row(large, 6, -1, frame, 3)
-            _certainty_row(small, large, scale, frame)
+            _certainty_row(small, large, scale, samples, frame)
             _store_row(
                 frame, least_energy, least_confidence, fibre[k, j], normal[k, j], values[k, j], confidence[k, j],
-                planarity[k, j], valid[k, j],
+                planarity[k, j], predicted[k, j], valid[k, j],
             )  # fmt: skip

@@ -19,13 +19,18 @@ from numpy.typing import NDArray
 
 from ppmc.ct.block import NO_COARSE, Box, Coarse, Floats, Reference, window_tensors
 from ppmc.ct.combine import orient_block
+from ppmc.ct.noise import independent_samples, tilting_part
 from ppmc.ct.normals import Cells
 from ppmc.ct.settings import Settings
 from ppmc.ct.source import Volume
 from ppmc.ct.tiles import Tiling
 
 REFERENCE_PLANES = 64
-FIELD_NAMES = ("fibre_direction", "platelet_normal", "eigenvalues", "confidence", "planarity", "valid")
+VECTORS = ("fibre_direction", "platelet_normal", "eigenvalues")
+SCALARS = ("confidence", "planarity", "predicted_error")
+FIELD_NAMES = (*VECTORS, *SCALARS, "valid")
+ENERGY_OVER_NOISE = 1.5
+"""Mean squared gradient, in units of what noise alone would give, below which there is no texture."""
 LEAST_ENERGY = 1e-6
 """Mean squared gradient per squared voxel, in units of the grey values' variance, below which there is no texture."""
 
@@ -57,7 +62,7 @@ class Job:
     least_confidence : float
         Linearity below which a voxel is invalid.
     noise : ndarray, shape (6,)
-        Tensor of the noise, in units of the reference.
+        Mean tensor of the noise, in units of the reference.
     """
 
     volume: Volume
@@ -109,10 +114,8 @@ def threads_of(asked: int) -> int:
 
 def empty_fields(shape: tuple[int, int, int]) -> dict[str, NDArray[Any]]:
     """Return arrays for the results of some output voxels (nz, ny, nx)."""
-    vectors = {
-        name: np.empty((*shape, 3), np.float32) for name in ("fibre_direction", "platelet_normal", "eigenvalues")
-    }
-    scalars = {name: np.empty(shape, np.float32) for name in ("confidence", "planarity")}
+    vectors = {name: np.empty((*shape, 3), np.float32) for name in VECTORS}
+    scalars = {name: np.empty(shape, np.float32) for name in SCALARS}
     return {**vectors, **scalars, "valid": np.ones(shape, np.uint8)}
 
 
@@ -128,7 +131,13 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
     )
     corner = np.array([a * k - first for (a, _), (first, _) in zip(box, inside, strict=True)])
     tensors = window_tensors(
-        job.volume, job.chosen, job.reference, inside, job.chosen.window, stride=(step,) * 3, noise=job.noise
+        job.volume,
+        job.chosen,
+        job.reference,
+        inside,
+        job.chosen.window,
+        stride=(step,) * 3,
+        noise=None if job.noise is None else tilting_part(job.noise),
     )
     if job.volume.read_mask is not None:
         here: Any = tuple(slice(a * k, (b - 1) * k + 1) for a, b in box)
@@ -137,10 +146,14 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
     if coarse is not None:
         start, cell = np.array(coarse.start[::-1]), np.array(coarse.step[::-1])
     scale = job.reference.unit**2
+    least_energy = LEAST_ENERGY / min(job.spacing) ** 2
+    if job.noise is not None:
+        least_energy = max(least_energy, ENERGY_OVER_NOISE * float(job.noise[:3].sum()))
     orient_block(
         tensors, corner[::-1].copy(), k // step, (1.0 / np.array(job.spacing)).astype(np.float32), steps,
         NO_COARSE if coarse is None else coarse.tensors, np.array([a * k for a, _ in box[::-1]]), k, start, cell,
-        np.float32(scale), np.float32(scale * LEAST_ENERGY / min(job.spacing) ** 2), np.float32(job.least_confidence),
+        np.float32(scale), np.float32(scale * least_energy), np.float32(job.least_confidence),
+        independent_samples(job.chosen),
         *(fields[name] for name in FIELD_NAMES),
     )  # fmt: skip
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ppmc.ct.block import Box
+from ppmc.ct.noise import noise_level, noise_tensor
 from ppmc.ct.orientations import FIELD_NAMES, Job, cells_of, compute_tiles, grey_reference, threads_of
 from ppmc.ct.parts import Fields, Parts
 from ppmc.ct.phantom import Phantom
@@ -212,13 +213,17 @@ def plan(scene: Scene, volume: Volume) -> Job:
     thickness = section.platelet_thickness
     if thickness is None and scene.phantom is not None:
         thickness = scene.phantom.platelet.thickness
+    chosen = settings(section, spacing, volume.shape, thickness)
+    reference = grey_reference(volume)
+    level = noise_level(volume) if section.noise_level is None else section.noise_level
     return Job(
         volume=volume,
         spacing=spacing,
-        chosen=settings(section, spacing, volume.shape, thickness),
-        reference=grey_reference(volume),
+        chosen=chosen,
+        reference=reference,
         stride=section.stride,
         least_confidence=section.least_confidence,
+        noise=noise_tensor(chosen, level / reference.unit) if section.correct_noise else None,
     )
 
 

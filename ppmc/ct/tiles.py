@@ -12,7 +12,7 @@ from ppmc.errors import SceneError
 MIB = 2**20
 BASE_BYTES = 280 * MIB
 """What the interpreter, the compiled kernels and the file libraries take before any voxel is read."""
-FIELD_BYTES = 45
+FIELD_BYTES = 49
 TENSOR_BYTES = 28
 LINES = 26
 """Planes of floats that the kernels keep, the ring not counted."""

@@ -15,9 +15,14 @@ from ppmc.ct.tiles import Tiling
 from ppmc.scene.ct import CtSection
 
 
-def in_memory(grey: np.ndarray, mask: np.ndarray | None = None) -> Volume:
+def memory_volume(grey: np.ndarray, mask: np.ndarray | None = None) -> Volume:
     read_mask = None if mask is None else (lambda box: mask[box])
     return Volume(Path("memory"), grey.shape, grey.dtype, lambda box: grey[box], read_mask=read_mask)
+
+
+@pytest.fixture
+def in_memory() -> Callable[..., Volume]:
+    return memory_volume
 
 
 @pytest.fixture
@@ -34,7 +39,7 @@ def solve() -> Callable[..., dict[str, np.ndarray]]:
         **section: object,
     ) -> dict[str, np.ndarray]:
         wanted = CtSection(**section)
-        volume = in_memory(grey, mask)
+        volume = memory_volume(grey, mask)
         chosen = settings(wanted, spacing, grey.shape, thickness)
         reference = grey_reference(volume)
         job = Job(volume, spacing, chosen, reference, wanted.stride, wanted.least_confidence, noise)
