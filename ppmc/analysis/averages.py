@@ -133,12 +133,10 @@ def region_sums(samples: Samples, regions: list[Region] | tuple[Region, ...]) ->
     regions = tuple(regions)
     if not len(samples) or not regions:
         return RegionSums(regions, np.zeros((len(regions), N_SUMS)))
-    # Only points inside the span of the regions take part; a part-sized file with one small region stays cheap.
-    kinds, origins, axes, lower, upper, boxes = pack(regions)
     binned = bin_points(
         samples.positions, samples.volume, samples.fibre_direction, samples.platelet_normal, samples.platelet_id
     )
-    return RegionSums(regions, sum_regions(*binned, kinds, origins, axes, lower, upper, boxes))
+    return RegionSums(regions, sum_regions(binned, pack(regions)))
 
 
 def region_averages(samples: Samples, regions: list[Region] | tuple[Region, ...]) -> RegionAverages:

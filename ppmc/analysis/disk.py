@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ppmc.orientation.closures import affine_tensors
-from ppmc.orientation.tensor_ode import TensorModel, integrate
+from ppmc.orientation.tensor_ode import TOLERANCE, TensorModel, integrate
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,11 @@ def disk_tensors(radius: float, height: ArrayLike, inlet_radius: float = 1.0) ->
 
 
 def disk_tensor_mode(
-    radius: float, height: ArrayLike, inlet_radius: float = 1.0, model: TensorModel | None = None
+    radius: float,
+    height: ArrayLike,
+    inlet_radius: float = 1.0,
+    model: TensorModel | None = None,
+    tolerance: float = TOLERANCE,
 ) -> tuple[Array, Array]:
     """Return A and N, shape (..., 3, 3), at a radius by integrating A1 and A2 along the particles' paths; |z| < 1.
 
@@ -63,4 +67,5 @@ def disk_tensor_mode(
         return np.asarray(disk_velocity_gradient(r, z) * scale[..., None, None])
 
     span = [0.0, 0.5 * (radius**2 - inlet_radius**2)]
-    return integrate(model.rate, start, gradient, span)[-1], integrate(model.normal_rate, start, gradient, span)[-1]
+    fibre, normal = (integrate(rate, start, gradient, span, tolerance) for rate in (model.rate, model.normal_rate))
+    return fibre[-1], normal[-1]

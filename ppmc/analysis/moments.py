@@ -17,6 +17,7 @@ from ppmc.compile_cache import njit, prange
 N_SUMS = 51
 POINTS_PER_CELL = 12
 MOST_CELLS = 2_000_000
+PARALLEL_FROM = 200_000
 MOST_PLATELETS = 200_000  # beyond that the tally a region would cost more than the sums
 
 Array = NDArray[Any]
@@ -119,8 +120,68 @@ def _add_moments(s: Array, at: int, w: float, x: float, y: float, z: float) -> N
     s[at + 21] += w * zz * zz
 
 
+@njit
+def _sum_region(
+    rows: Array,
+    platelet: Array,
+    n_platelets: int,
+    start: Array,
+    low: Array,
+    inverse: Array,
+    shape: Array,
+    kind: int,
+    origin: Array,
+    axes: Array,
+    lower: Array,
+    upper: Array,
+    box: Array,
+) -> Array:
+    """Return the sums of one region, shape (N_SUMS,), in the fixed order of the cells."""
+    s = np.zeros(N_SUMS)
+    share = np.zeros(n_platelets)
+    first = np.zeros(3, dtype=np.int64)
+    last = np.zeros(3, dtype=np.int64)
+    for d in range(3):
+        # Compare as floats first: an infinite bound has no integer.
+        a = (box[0, d] - low[d]) * inverse[d]
+        b = (box[1, d] - low[d]) * inverse[d]
+        first[d] = int(min(max(a - 1e-6, 0.0), shape[d] - 1.0))
+        last[d] = int(min(max(b + 1e-6, -1.0), shape[d] - 1.0)) if b >= -1e-6 else -1
+        if a - 1e-6 >= shape[d]:
+            # Beyond the last cell; points on the grid's upper face are clamped into it, so allow the round-off.
+            last[d] = -1
+    for i in range(first[0], last[0] + 1):
+        for j in range(first[1], last[1] + 1):
+            row = (i * shape[1] + j) * shape[2]
+            for k in range(start[row + first[2]], start[row + last[2] + 1] if last[2] >= first[2] else 0):
+                x = rows[k, 0] - origin[0]
+                y = rows[k, 1] - origin[1]
+                z = rows[k, 2] - origin[2]
+                u = axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z
+                v = axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z
+                t = axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z
+                if not _inside(kind, u, v, t, lower, upper):
+                    continue
+                w = rows[k, 3]
+                s[0] += 1.0
+                s[1] += w
+                s[2] += w * w
+                if n_platelets > 0:
+                    share[platelet[k]] += w
+                s[3] += w * rows[k, 0]
+                s[4] += w * rows[k, 1]
+                s[5] += w * rows[k, 2]
+                if rows[k, 4] != 0.0 or rows[k, 5] != 0.0 or rows[k, 6] != 0.0:
+                    _add_moments(s, 6, w, rows[k, 4], rows[k, 5], rows[k, 6])
+                if rows[k, 7] != 0.0 or rows[k, 8] != 0.0 or rows[k, 9] != 0.0:
+                    _add_moments(s, 28, w, rows[k, 7], rows[k, 8], rows[k, 9])
+    for c in range(n_platelets):
+        s[50] += share[c] * share[c]
+    return s
+
+
 @njit(parallel=True)
-def sum_regions(
+def _sum_regions_in_parallel(
     rows: Array,
     platelet: Array,
     n_platelets: int,
@@ -136,53 +197,33 @@ def sum_regions(
     boxes: Array,
 ) -> Array:
     """Return sums (m, N_SUMS); each region is owned by one thread, so the order of summation is fixed."""
-    m = kinds.shape[0]
-    sums = np.zeros((m, N_SUMS))
-    for g in prange(m):
-        s = np.zeros(N_SUMS)
-        share = np.zeros(n_platelets)
-        first = np.zeros(3, dtype=np.int64)
-        last = np.zeros(3, dtype=np.int64)
-        for d in range(3):
-            # Compare as floats first: an infinite bound has no integer.
-            a = (boxes[g, 0, d] - low[d]) * inverse[d]
-            b = (boxes[g, 1, d] - low[d]) * inverse[d]
-            first[d] = int(min(max(a - 1e-6, 0.0), shape[d] - 1.0))
-            last[d] = int(min(max(b + 1e-6, -1.0), shape[d] - 1.0)) if b >= -1e-6 else -1
-            if a - 1e-6 >= shape[d]:
-                # Beyond the last cell; points on the grid's upper face are clamped into it, so allow the round-off.
-                last[d] = -1
-        a0, a1, a2 = axes[g, 0], axes[g, 1], axes[g, 2]
-        for i in range(first[0], last[0] + 1):
-            for j in range(first[1], last[1] + 1):
-                row = (i * shape[1] + j) * shape[2]
-                for k in range(start[row + first[2]], start[row + last[2] + 1] if last[2] >= first[2] else 0):
-                    x = rows[k, 0] - origins[g, 0]
-                    y = rows[k, 1] - origins[g, 1]
-                    z = rows[k, 2] - origins[g, 2]
-                    u = a0[0] * x + a0[1] * y + a0[2] * z
-                    v = a1[0] * x + a1[1] * y + a1[2] * z
-                    t = a2[0] * x + a2[1] * y + a2[2] * z
-                    if not _inside(kinds[g], u, v, t, lower[g], upper[g]):
-                        continue
-                    w = rows[k, 3]
-                    s[0] += 1.0
-                    s[1] += w
-                    s[2] += w * w
-                    if n_platelets > 0:
-                        share[platelet[k]] += w
-                    s[3] += w * rows[k, 0]
-                    s[4] += w * rows[k, 1]
-                    s[5] += w * rows[k, 2]
-                    if rows[k, 4] != 0.0 or rows[k, 5] != 0.0 or rows[k, 6] != 0.0:
-                        _add_moments(s, 6, w, rows[k, 4], rows[k, 5], rows[k, 6])
-                    if rows[k, 7] != 0.0 or rows[k, 8] != 0.0 or rows[k, 9] != 0.0:
-                        _add_moments(s, 28, w, rows[k, 7], rows[k, 8], rows[k, 9])
-        for c in range(n_platelets):
-            s[50] += share[c] * share[c]
-        for c in range(N_SUMS):
-            sums[g, c] = s[c]
+    sums = np.zeros((kinds.shape[0], N_SUMS))
+    for g in prange(kinds.shape[0]):
+        sums[g] = _sum_region(
+            rows, platelet, n_platelets, start, low, inverse, shape,
+            kinds[g], origins[g], axes[g], lower[g], upper[g], boxes[g],
+        )  # fmt: skip
     return sums
+
+
+def sum_regions(binned: tuple[Any, ...], packed: tuple[Array, ...]) -> Array:
+    """Return the sums of every region, shape (m, N_SUMS).
+
+    Parameters
+    ----------
+    binned : tuple
+        From `bin_points`.
+    packed : tuple
+        From `regions.pack`.
+
+    Notes
+    -----
+    Few points are summed by one thread: the parallel loop takes seconds to compile. Both ways give the same bits.
+    """
+    if len(binned[0]) > PARALLEL_FROM:
+        return np.asarray(_sum_regions_in_parallel(*binned, *packed))
+    sums = [_sum_region(*binned, *region) for region in zip(*packed, strict=True)]
+    return np.array(sums).reshape(-1, N_SUMS)
 
 
 def bin_points(

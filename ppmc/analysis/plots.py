@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -47,9 +48,18 @@ class PathSeries:
     normal_band: np.ndarray | None = None
 
 
+class Drawing(Figure):
+    """A figure that needs no display and that notebooks show as it is."""
+
+    def _repr_png_(self) -> bytes:
+        stream = io.BytesIO()
+        self.savefig(stream, format="png", dpi=100)
+        return stream.getvalue()
+
+
 def figure(width: float, height: float) -> Figure:
     """Return an empty figure (inches) that needs no display."""
-    drawing = Figure(figsize=(width, height), layout="constrained")
+    drawing = Drawing(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(drawing)
     return drawing
 
@@ -79,6 +89,8 @@ def plot_path(path: InspectionPath, series: Sequence[PathSeries]) -> Figure:
                 c = path.components[i]
                 ax.set_title(f"{symbol}$_{{{c}{c}}}$", fontsize=10)
                 ax.set_ylim(-0.02, 1.02)
+                if path.coordinate_label.startswith("θ"):
+                    ax.set_xticks([0, 90, 180, 270, 360])
                 if row == 1:
                     ax.set_xlabel(path.coordinate_label)
                 if i == 0:

@@ -22,7 +22,7 @@ from ppmc.orientation.fitted_closures import CLOSURES
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-9
-MOST_STEPS = 100_000
+MOST_STEPS = 20_000
 
 
 class RotaryDiffusion(Protocol):
@@ -190,7 +190,10 @@ def integrate(
             if step < 1e-14 * max(abs(end), 1e-300):
                 raise NumericalError(f"orientation tensor: the step at t = {t:.6g} s shrank to nothing")
         else:
-            raise NumericalError(f"orientation tensor: more than {MOST_STEPS} steps up to t = {end:.6g} s")
+            raise NumericalError(
+                f"orientation tensor: more than {MOST_STEPS} steps up to t = {end:.6g} s; "
+                "closures fitted in principal axes jump where eigenvalues cross: loosen the tolerance"
+            )
         out.append(state.copy())
     return np.array(out)
 

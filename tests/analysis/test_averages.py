@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ppmc.analysis import moments
 from ppmc.analysis.averages import FOURTH, fourth_components, in_frames, region_averages, region_sums
 from ppmc.analysis.regions import Region, box, cylinder, everything, sphere
 from ppmc.analysis.samples import Samples, join
@@ -142,14 +143,22 @@ def test_order_of_fourth_components() -> None:
     assert fourth_components(a.fibre_tensor4)[0, 3] == a.fibre_tensor4[0, 0, 0, 1, 1]
 
 
-def test_same_result_for_any_number_of_threads() -> None:
-    import numba
-
+def test_same_bits_in_parallel(monkeypatch: pytest.MonkeyPatch) -> None:
     s = cloud(20_000)
-    many = region_averages(s, REGIONS * 5).fibre_tensor4
-    before = numba.get_num_threads()
-    try:
-        numba.set_num_threads(1)
-        assert np.array_equal(region_averages(s, REGIONS * 5).fibre_tensor4, many)
-    finally:
-        numba.set_num_threads(before)
+    serial = region_sums(s, REGIONS * 3).sums
+    monkeypatch.setattr(moments, "PARALLEL_FROM", 0)
+    assert np.array_equal(region_sums(s, REGIONS * 3).sums, serial)
+
+
+def test_every_platelet_counts_once() -> None:
+    """Four platelets of 30, 30, 30, 10 points: (Σw)²/Σ(w of a platelet)² = 100²/(3·30² + 10²)."""
+    ids = np.repeat([4, 7, 9, 2], [30, 30, 30, 10])
+    p = np.repeat(np.eye(3)[[0, 1, 2, 0]], [30, 30, 30, 10], axis=0)
+    s = Samples("s", np.random.default_rng(0).uniform(0, 1, (100, 3)), np.ones(100), p, None, ids)
+    a = region_averages(s, [everything()])
+    assert a.effective_platelets[0] == pytest.approx(1e4 / (3 * 900 + 100))
+    assert a.fibre_error[0, 0, 0] == pytest.approx(a.fibre_spread[0, 0, 0] / np.sqrt(1e4 / 2800))
+    loose = Samples("s", s.positions, s.volume, p, None, np.where(ids == 2, -1, ids))
+    assert region_averages(loose, [everything()]).effective_platelets[0] == pytest.approx(1e4 / (2700 + 10))
+    unknown = Samples("s", s.positions, s.volume, p)
+    assert np.isnan(region_averages(unknown, [everything()]).effective_platelets[0])

@@ -1,0 +1,88 @@
+"""Short cuts for notebooks: any ppmc file as samples, and path plots in one call.
+
+>>> from ppmc.analysis.explore import path_figure, read_samples
+>>> flow = read_samples("runs/demo/flow.vtkhdf", frame=-1)
+>>> path_figure(straight_path("base", 0, 50, *flow.bounds), flow)
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ppmc.analysis.averages import RegionAverages, in_frames, region_averages
+from ppmc.analysis.paths import InspectionPath
+from ppmc.analysis.regions import Region
+from ppmc.analysis.samples import Samples, join
+from ppmc.analysis.sources import charge_source, flow_source, orientations_source, truth_source
+from ppmc.files import open_series, read_particles, read_voxels
+from ppmc.files.guard import product_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+
+def read_samples(path: str | Path, frame: int = -1, label: str | None = None) -> Samples:
+    """Read a flow's frame, a charge, voxel orientations or a phantom's truth.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; its contract is read from it.
+    frame : int
+        Frame of a flow; negative counts from the end.
+    label : str, optional
+        Name in legends; that of the product if left out.
+
+    Raises
+    ------
+    InputFileError
+        If the file is missing, damaged, or carries no directions.
+    """
+    path = Path(path)
+    product = product_of(path)
+    if product == "flow":
+        with open_series(path, "flow") as file:
+            return next(flow_source(file, frame, label or "flow").parts())
+    if product == "charge":
+        return next(charge_source(read_particles(path, "charge"), label or "charge").parts())
+    with read_voxels(path, product) as voxels:
+        if product == "volume":
+            source = truth_source(voxels, label or "phantom truth")
+        else:
+            source = orientations_source(voxels, label or "CT")
+        return join(list(source.parts()), source.label)
+
+
+def path_averages(path: InspectionPath, samples: Samples) -> RegionAverages:
+    """Average over a path's regions, in the path's own components."""
+    return in_frames(region_averages(samples, path.regions), path.frames)
+
+
+def path_figure(path: InspectionPath, *samples: Samples) -> Figure:
+    """Draw A and N along a path for one or more sources; band: the standard error where platelets are numbered."""
+    from ppmc.analysis.plots import PathSeries, plot_path
+
+    series = []
+    for s in samples:
+        a = path_averages(path, s)
+        known = bool(np.isfinite(a.effective_platelets).any())
+        bands = (a.fibre_error, a.normal_error) if known else (None, None)
+        series.append(PathSeries(s.title, a.fibre_tensor, a.normal_tensor, *bands))
+    return plot_path(path, series)
+
+
+def region_frame(samples: Samples, regions: list[Region] | tuple[Region, ...]) -> pd.DataFrame:
+    """Return counts, A, N and their spread over regions as a pandas frame."""
+    from ppmc.analysis.tables import region_table
+
+    return region_table(samples.label, samples.time, region_averages(samples, regions))
+
+
+def relabelled(samples: Samples, label: str) -> Samples:
+    """Return the same samples under another name."""
+    return replace(samples, label=label)
