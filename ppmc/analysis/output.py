@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -47,7 +48,7 @@ def write_results(
     own: Provenance,
     output: Path,
     *,
-    mapped: MappedMesh | None = None,
+    mapped: Mapping[str, MappedMesh] | None = None,
     movie: bytes | None = None,
 ) -> None:
     """Write all results beside `output`; it comes last, so its presence says that everything is there.
@@ -61,12 +62,12 @@ def write_results(
     tables = result_tables(results)
     for name, table in tables.items():
         _write_text(folder / "tables" / f"{name}.csv", table.to_csv(index=False, float_format="%.9g"))
-    for picture in pictures:
-        _write_bytes(folder / "figures" / f"{picture.name}.png", picture.png)
+    for name, picture in zip(file_names([picture.name for picture in pictures]), pictures, strict=True):
+        _write_bytes(folder / "figures" / f"{name}.png", picture.png)
     if movie is not None:
         _write_bytes(folder / "figures" / "filling.gif", movie)
-    if mapped is not None:
-        _write_mesh(mapped, folder)
+    for label, mesh in (mapped or {}).items():
+        _write_mesh(mesh, folder, "mapped" if label == "input" else file_names([f"mapped_{label}"])[0])
     if section.interactive and results.frames:
         _write_scene_page(scene, section, results, folder)
     summary = {
@@ -80,6 +81,18 @@ def write_results(
     page = write_report(title, scene.description, results, pictures, inputs, own, mapped=mapped, movie=movie)
     _write_text(folder / "report.html", page)
     _write_series(results, own, output)
+
+
+def file_names(names: Sequence[str]) -> list[str]:
+    """Return names safe for files and all different: runs are labelled after folders, which may hold anything."""
+    out: list[str] = []
+    for name in names:
+        plain = re.sub(r"[^\w.-]+", "_", name).strip("._") or "figure"
+        unique, k = plain, 2
+        while unique in out:
+            unique, k = f"{plain}_{k}", k + 1
+        out.append(unique)
+    return out
 
 
 def result_tables(results: Results) -> dict[str, pd.DataFrame]:
@@ -130,8 +143,8 @@ def _write_bytes(path: Path, data: bytes) -> None:
         temporary.write_bytes(data)
 
 
-def _write_mesh(mapped: MappedMesh, folder: Path) -> None:
-    """Write ``mapped.vtu`` with the element data and ``mapped_axes.inp`` with Abaqus' element axes."""
+def _write_mesh(mapped: MappedMesh, folder: Path, name: str) -> None:
+    """Write ``<name>.vtu`` with the element data and ``<name>_axes.inp`` with Abaqus' element axes."""
     import meshio
 
     data, at = mapped.cell_data(), 0
@@ -139,13 +152,13 @@ def _write_mesh(mapped: MappedMesh, folder: Path) -> None:
     for _, cells in mapped.mesh.blocks:
         cuts.append(slice(at, at + len(cells)))
         at += len(cells)
-    cell_data = {name: [values[cut] for cut in cuts] for name, values in data.items()}
-    with whole_file(folder / "mapped.vtu") as temporary:
+    cell_data = {key: [values[cut] for cut in cuts] for key, values in data.items()}
+    with whole_file(folder / f"{name}.vtu") as temporary:
         meshio.write(
             temporary, meshio.Mesh(mapped.mesh.points, mapped.mesh.blocks, cell_data=cell_data), file_format="vtu"
         )
     numbers = np.arange(1, at + 1)
-    _write_text(folder / "mapped_axes.inp", abaqus_distribution(mapped.elements, numbers))
+    _write_text(folder / f"{name}_axes.inp", abaqus_distribution(mapped.elements, numbers))
 
 
 def _write_scene_page(scene: Scene, section: AnalysisSection, results: Results, folder: Path) -> None:

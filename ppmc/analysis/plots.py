@@ -81,7 +81,9 @@ def plot_path(path: InspectionPath, series: Sequence[PathSeries]) -> Figure:
                     values = (s.fibre, s.normal)[row][:, i, i]
                     band = (s.fibre_band, s.normal_band)[row]
                     style: Any = {"color": COLOURS[k % 8], "linestyle": DASHES[k % 8], "marker": MARKERS[k % 8]}
-                    ax.plot(path.coordinate, values, label=s.label, markersize=3, linewidth=1.4, **style)
+                    ax.plot(
+                        path.coordinate, values, label=s.label.replace("$", r"\$"), markersize=3, linewidth=1.4, **style
+                    )
                     if band is not None:
                         low, high = values - band[:, i, i], values + band[:, i, i]
                         ax.fill_between(path.coordinate, low, high, color=COLOURS[k % 8], alpha=0.15, linewidth=0)

@@ -66,7 +66,7 @@ def write_report(
     inputs: Sequence[InputFile],
     own: Provenance,
     *,
-    mapped: MappedMesh | None = None,
+    mapped: Mapping[str, MappedMesh] | None = None,
     movie: bytes | None = None,
 ) -> str:
     """Return the whole report as HTML."""
@@ -111,7 +111,7 @@ def write_report(
         page.section("Filling and knit lines")
         _knit(page, results)
         figures("Filling and knit lines")
-    if mapped is not None:
+    if mapped:
         page.section("Structural mesh")
         _mesh(page, mapped)
     rest = list(dict.fromkeys(p.section for p in pictures if p.name not in drawn))
@@ -322,19 +322,21 @@ def _knit(page: Document, results: Results) -> None:
     )
 
 
-def _mesh(page: Document, mapped: MappedMesh) -> None:
-    e = mapped.elements
-    page.pairs(
-        {
-            "mesh": mapped.mesh.path.name,
-            "elements": len(e.distance),
-            "types": ", ".join(sorted({kind for kind, _ in mapped.mesh.blocks})),
-            "mean distance to the nearest point [mm]": float(e.distance.mean()),
-            "largest distance [mm]": float(e.distance.max()),
-            "elements without a point of their own": int((e.particle_count == 0).sum()),
-        }
+def _mesh(page: Document, mapped: Mapping[str, MappedMesh]) -> None:
+    rows = []
+    for label, m in mapped.items():
+        e = m.elements
+        kinds = ", ".join(sorted({kind for kind, _ in m.mesh.blocks}))
+        lonely = int((e.particle_count == 0).sum())
+        rows.append(
+            [label, m.mesh.path.name, kinds, len(e.distance), float(e.distance.mean()), float(e.distance.max()), lonely]
+        )
+    page.table(
+        ("source", "mesh", "types", "elements", "mean distance [mm]", "largest [mm]", "without a point of their own"),
+        rows,
+        "Distance from element centres to the nearest point. Element data are in mapped*.vtu, element axes for Abaqus "
+        "in mapped*_axes.inp.",
     )
-    page.text("Element data are in mapped.vtu, element axes for Abaqus in mapped_axes.inp.")
 
 
 def _few(rows: Sequence[Any], most: int = 12) -> list[Any]:

@@ -98,7 +98,13 @@ def run(
             results.truth = compare_with_truth(opened.volume, opened.orientations, section.margin, links, results.notes)
         mapped = None
         if mesh is not None and section.mesh is not None and results.frames:
-            mapped = map_mesh(mesh, results.frames[-1].source, section.mesh, results.notes)
+            # CT goes to the same mesh, so that prediction and measurement can be compared element by element (A).
+            scans = {e.source.label: e.source for e in results.shown if e.source.product in ("orientations", "moulded")}
+            mapped = {
+                label: map_mesh(mesh, source, section.mesh, results.notes)
+                for label, source in {"input": results.frames[-1].source, **scans}.items()
+                if source.count
+            }
         bar.update(3, "comparisons")
         pictures, reason = draw_views(results, section)
         if reason is not None:

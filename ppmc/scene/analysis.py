@@ -18,6 +18,8 @@ from ppmc.scene.units import (
     PositivePressure,
 )
 
+# Names become file names and table entries.
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$", max_length=60)]
 AxisName = Literal["x1", "x2", "x3"]
 
 
@@ -315,7 +317,7 @@ class MeshSection(Section):
 class AnalysisSection(Section):
     """What ``ppmc analyze`` averages and shows."""
 
-    regions: dict[str, RegionSection] = Field(
+    regions: dict[Name, RegionSection] = Field(
         default_factory=dict, examples=[{"interior": {"min": [2, 2, 1], "max": [22, 14, 5]}}]
     )
     """Regions by name; the whole file is always averaged too."""
@@ -323,7 +325,7 @@ class AnalysisSection(Section):
     path: PathSection | None = None
     """One path of inspection regions; same as an entry 'path' in paths."""
 
-    paths: dict[str, PathSection] = Field(default_factory=dict)
+    paths: dict[Name, PathSection] = Field(default_factory=dict)
     """Paths of inspection regions by name. With neither path nor paths, 20 slices along x1."""
 
     frames: Literal["ends", "all"] = "ends"
@@ -342,7 +344,7 @@ class AnalysisSection(Section):
     dominant_direction (A Fig 4.5); platelets; maps of stretch, shear angle and volume; fill_time; knit_line.
     """
 
-    cuts: dict[str, CutSection] = Field(default_factory=dict)
+    cuts: dict[Name, CutSection] = Field(default_factory=dict)
     """Planes that open the last state, with the squares of the fibre direction on view (A Fig 4.4)."""
 
     animation: bool = False

@@ -11,7 +11,7 @@ import pytest
 from ppmc.analysis import rendering, stage, views
 from ppmc.analysis.rendering import Rendered
 from ppmc.errors import InputFileError, SceneError
-from ppmc.files import open_series
+from ppmc.files import SeriesWriter, open_series
 from ppmc.orientation import push_affine
 from ppmc.scene import Scene, parse_scene
 from tests.analysis.conftest import Chain, blank_pictures
@@ -121,6 +121,25 @@ def test_every_frame_on_request(chain: Chain, tmp_path: Path) -> None:
     with open_series(tmp_path / "analysis.vtkhdf", "analysis") as file:
         assert file.times.tolist() == [0, 0.5, 1]
     assert (tmp_path / "figures" / "history_whole.png").exists()
+
+
+def test_one_time_step_without_normals_or_forces_is_shown_as_such(chain: Chain, tmp_path: Path) -> None:
+    with open_series(chain.flow, "flow") as file:
+        frame = file.frame(0)
+        names = ("fibre_direction", "deformation_gradient", "volume_ratio", "velocity", "pressure")
+        writer = SeriesWriter.create(
+            tmp_path / "partial.vtkhdf", file.n, file.static, names, (), provenance=file.provenance
+        )
+        writer.append(0.0, frame["position"], {name: frame[name] for name in names})
+        writer.seal(tmp_path / "flow.vtkhdf")
+    scene = parse_scene("name: one\nanalysis: {views: [fibre_direction, platelet_normal, fill_time]}")
+    stage.run(scene, input=tmp_path / "flow.vtkhdf", output=tmp_path / "analysis.vtkhdf")
+    text = (tmp_path / "report.html").read_text()
+    for words in ("one time step only", "N is not known", "no press-force curve"):
+        assert words in text
+    table = pd.read_csv(tmp_path / "tables" / "regions.csv")
+    assert len(table) == 1 and table.N11.isna().all() and table.A11.notna().all()
+    assert not (tmp_path / "tables" / "press_force.csv").exists()
 
 
 def test_same_input_gives_the_same_bytes(chain: Chain, tmp_path: Path) -> None:

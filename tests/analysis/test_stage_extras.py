@@ -13,7 +13,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ppmc.analysis import movie, stage, views
+from ppmc.analysis import check, movie, stage, views
+from ppmc.analysis.output import file_names
+from ppmc.analysis.rendering import RenderingStatus
 from ppmc.analysis.stage import run_labels
 from ppmc.analysis.structural import read_mesh
 from ppmc.errors import InputFileError, SceneError
@@ -114,6 +116,7 @@ def test_mapped_mesh_opens_and_holds_everything(out: Path, chain: Chain) -> None
     assert data["stiffness_upper_Pa"].shape == (12, 21)
     assert (data["moduli_Pa"] > 3e9).all() and (data["moduli_Pa"] < 141e9).all()
     assert "*ORIENTATION" in (out / "mapped_axes.inp").read_text()
+    assert (out / "mapped_CT_of_the_part.vtu").exists()
 
 
 def test_browser_scene_holds_its_data(out: Path, chain: Chain) -> None:
@@ -159,6 +162,36 @@ def test_meshes_without_elements_or_with_nan_are_refused(tmp_path: Path) -> None
 def test_other_runs_need_a_flow(chain: Chain, tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="only a flow"):
         stage.run(parse_scene("name: x"), input=chain.charge, output=tmp_path / "a.vtkhdf", compare=[chain.flow])
+
+
+def test_figure_files_cannot_leave_their_folder() -> None:
+    assert file_names(["a/b c", "../x", "a b/c", "a_b_c", "..."]) == ["a_b_c", "x", "a_b_c_2", "a_b_c_3", "figure"]
+    with pytest.raises(SceneError, match="pattern"):
+        parse_scene('name: x\nanalysis: {regions: {"../up": {min: [0, 0, 0], max: [1, 1, 1]}}}')
+
+
+def test_check_says_what_is_ahead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(check, "probe", lambda: RenderingStatus(False, "no EGL"))
+    bricks(tmp_path)
+    scene = parse_scene(
+        """
+name: x
+charge: {domain: {shape: box, size: [12, 8, 3]}, spacing: 0.5, orientation: {source: planar_random}}
+analysis:
+  regions: {inside: {min: [1, 1, 1], max: [2, 2, 2]}, flange: {min: [20, 0, 0], max: [22, 8, 3]}}
+  path: {axis: x1, slices: 7}
+  mesh: {path: part.vtu}
+""",
+        tmp_path / "scene.yaml",
+    )
+    text = "\n".join(check.findings(scene))
+    assert (
+        "2 regions, 1 paths with 7" in text
+        and "in region flange" in text
+        and "12 elements" in text
+        and "no EGL" in text
+    )
+    assert check.findings(parse_scene("name: y")) == []
 
 
 def test_labels_tell_runs_apart() -> None:
