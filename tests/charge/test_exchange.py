@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from ppmc.charge.cli import charge as command
 from ppmc.charge.exchange import FORMATS, read_points, writer_of
 from ppmc.charge.exchange.points import OrientedPoints
 from ppmc.charge.imported import imported_frames
@@ -137,3 +138,18 @@ def test_arrays_of_wrong_shape(tmp_path):
     np.savez(tmp_path / "b.npz", position=np.zeros((3, 3)))
     with pytest.raises(InputFileError, match="no array fibre_direction, platelet_normal; it has position"):
         read_points(tmp_path / "b.npz")
+
+
+def test_command_exports_and_reports(tmp_path, capsys):
+    (tmp_path / "block.yaml").write_text(SCENE.format(orientation=PLATELETS))
+    arguments = [
+        str(tmp_path / "block.yaml"),
+        "--output",
+        str(tmp_path / "c.vtkhdf"),
+        "--export",
+        str(tmp_path / "c.csv"),
+    ]
+    command([*arguments, str(tmp_path / "c.inp")], result_action="return_value")
+    out = capsys.readouterr().out
+    assert "192 particles in 2 layers" in out and "platelets incomplete" in out
+    assert len(read_points(tmp_path / "c.csv").positions) == len(read_points(tmp_path / "c.inp").positions) == 192
