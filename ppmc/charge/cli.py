@@ -32,7 +32,7 @@ def charge(
     output : Path, optional
         Charge file to write; default runs/<name>/charge.vtkhdf.
     export : list of Path, optional
-        Further files for other programs: .csv, .npz, .vtu or Abaqus .inp.
+        Further file for other programs: .csv, .npz, .vtu or Abaqus .inp; may be given several times.
     pictures : Path, optional
         Folder for pictures of the charge: top view, cuts with the tools, view in the tool.
 

@@ -149,7 +149,7 @@ def test_command_exports_and_reports(tmp_path, capsys):
         "--export",
         str(tmp_path / "c.csv"),
     ]
-    command([*arguments, str(tmp_path / "c.inp")], result_action="return_value")
+    command([*arguments, "--export", str(tmp_path / "c.inp")], result_action="return_value")
     out = capsys.readouterr().out
     assert "192 particles in 2 layers" in out and "platelets incomplete" in out
     assert len(read_points(tmp_path / "c.csv").positions) == len(read_points(tmp_path / "c.inp").positions) == 192
