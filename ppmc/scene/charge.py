@@ -204,7 +204,7 @@ class PlateletsOrientation(Section):
     """Platelets laid at random, layer by layer, by the papers' five steps (A, section 4).
 
     The bracket charge that was measured by CT (J13) is matched by length 12.7 mm, width 6.35 mm, wall_softness 0.35,
-    pitch 9.5 deg, roll 19.5 deg and on_edge share 0.9.
+    pitch 9.5 deg, roll 19.5 deg and on_edge {share 0.9, depth 0.5 mm}.
     """
 
     source: Literal["platelets"] = "platelets"

@@ -135,6 +135,16 @@ def test_one_platelet_is_one_frame_and_stays_in_its_band():
 FIVE_STEP = [(12.7, 12.7, 0.482), (12.7, 6.35, 0.609), (6.35, 6.35, 0.488), (12.7, 3.175, 0.599), (25.4, 12.7, 0.748)]
 
 
+def test_on_edge_layer_does_not_depend_on_the_lattice():
+    shares = []
+    for spacing in (0.5, 0.25):
+        lattice = box_lattice((0, 0, 0), (40, 20, 3), (spacing, spacing, 0.5))
+        frames = platelets(lattice, length=8, width=4, on_edge={"share": 0.8, "depth": "0.5 mm"})
+        shares.append(np.mean(np.abs(frames.platelet_normal[:, 2]) < 0.5))
+    ring = 1 - (39 * 19) / (40 * 20)
+    assert shares == pytest.approx([0.8 * ring] * 2, rel=0.05)
+
+
 @pytest.mark.parametrize(("length", "width", "expected"), FIVE_STEP)
 def test_five_step_statistics_of_the_reference(length, width, expected):
     lattice = box_lattice(*BRACKET[:2], BRACKET[2], layers=1)
@@ -152,7 +162,8 @@ def test_soft_walls_forget_the_box():
 def test_the_measured_charge_of_the_bracket_can_be_matched():
     # J13, with the parameters that the scene's `platelets` section states.
     lattice = box_lattice(*BRACKET, layers=12)
-    keys = {"width": 6.35, "wall_softness": 0.35, "pitch": 9.5, "roll": 19.5, "on_edge": {"share": 0.9}}
+    keys = {"width": 6.35, "wall_softness": 0.35, "pitch": 9.5, "roll": 19.5}
+    keys["on_edge"] = {"share": 0.9, "depth": 0.5}
     runs = [platelets(lattice, s, **keys) for s in range(4)]
     A = np.mean([np.diag(orientation_tensor(f.fibre_direction)) for f in runs], axis=0)
     N = np.mean([np.diag(orientation_tensor(f.platelet_normal)) for f in runs], axis=0)
