@@ -5,9 +5,9 @@ own deformed half-width, :math:`g = \phi(x) - w\sqrt{n\cdot F F^T n}`, and the v
 v_{tool}) \ge -g/\Delta t`. The directions of active constraints are projected out of the velocity solve; the residual
 in them is the reaction. Reactions that pull release a constraint, violated ones are added.
 
-The tool acts on the particle's surface, not on its centre: the gap depends on the velocity gradient through F, so its
-gradient holds a dipole besides the force on the centre, the stress :math:`-\lambda\,w|F^Tn|\,n\otimes n`. Without it
-the wall layer counts in full although its centres lie half a layer inside, and forces come out too high by h/(h - 2w).
+The centres of the wall layer lie half a layer inside the charge and approach the tool as they flatten, so the
+reactions do their work on less than the tool's motion, and their sum is too high by h/(h - 2w) in a gap h.
+`power_factor` brings the sums back to the forces that are conjugate to the tools' motion.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -73,11 +73,21 @@ class Contacts:
         _split_reactions(self.active, self.normal, self.sticks, force, pressing, forces)
         return pressing, forces
 
-    def wall_stress(self, forces: np.ndarray) -> np.ndarray:
-        """Return the dipoles of face forces (n, 3, 3): force times half-width along the normal, symmetric, Pa mm^3."""
-        arms = self.half_width[..., None] * self.normal
-        dipole = np.einsum("nka,nkb->nab", np.where(self.active[..., None], forces, 0.0), arms)
-        return 0.5 * (dipole + np.swapaxes(dipole, 1, 2))
+    def power_factor(self, forces: np.ndarray, velocities: np.ndarray) -> float:
+        """Work of the reactions on the particles over their work on the tools' motion; 1 if no tool moves.
+
+        Parameters
+        ----------
+        forces : ndarray, shape (n, 3, 3)
+            Force of each face on the particle, Pa mm^2.
+        velocities : ndarray, shape (n, 3)
+            Velocities of the particles, mm/s.
+        """
+        forces = np.where(self.active[..., None], forces, 0.0)
+        on_tools = float(np.sum(forces * self.wall_velocity))
+        on_particles = float(np.einsum("nkc,nc->", forces, velocities))
+        scale = float(np.sum(np.abs(forces * self.wall_velocity)))
+        return on_particles / on_tools if on_tools > 1e-6 * scale else 1.0
 
     def violations(self, velocities: np.ndarray, time_step: float) -> np.ndarray:
         """Penetration of inactive faces at the end of the step, shape (n, 3), mm; zero where there is none."""

@@ -27,7 +27,6 @@ POWER_ITERATIONS = 20
 CONTACT_EVERY = 10  # steps between searches for faces; gaps are advanced linearly in between
 LIMITS_EVERY = 100  # steps between estimates of the stable step
 MOST_STEPS = 200  # explicit steps in one reported step
-ARM_MEMORY = 0.05  # share of the newest contact forces in the wall stress; they chatter
 
 
 @dataclass
@@ -112,7 +111,7 @@ class ExplicitIntegrator(ImplicitIntegrator):
         state, model = self.state, self.model
         operator = self._explicit_operator(time)
         pressure = -model.bulk_modulus * state.volume * (state.volume_ratio - 1.0)
-        force = operator.stress_force(pressure[:, None, None] * np.eye(3) - state.wall_stress)
+        force = operator.stress_force(pressure[:, None, None] * np.eye(3))
         force -= operator.apply(state.velocity)
         drag, load = self._friction(contacts)
         force += load - multiply_blocks(drag, state.velocity)
@@ -124,7 +123,7 @@ class ExplicitIntegrator(ImplicitIntegrator):
         velocities = multiply_blocks(free, trial) + held
         push = mass * (velocities - trial) / dt
         _, forces = contacts.reactions(push)
-        state.wall_stress = (1.0 - ARM_MEMORY) * state.wall_stress + ARM_MEMORY * contacts.wall_stress(forces)
+        forces *= contacts.power_factor(forces, velocities)
         for k in range(contacts.tool.shape[1]):
             on = contacts.active[:, k]
             np.add.at(report.tool_force, contacts.tool[on, k], -forces[on, k])

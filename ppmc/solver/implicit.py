@@ -187,12 +187,11 @@ class ImplicitIntegrator:
         last = model.settings.contact_passes - 1
         for attempt in range(last + 1):
             drag, drag_load = self._friction(contacts)
-            right_side = load - operator.stress_force(state.wall_stress)
             free, held = contacts.constrain(dt)
             system = VelocitySystem(operator, mass, drag, free, restricted_inverse(blocks + drag, free))
             system.coarse = self.coarse.level_for(system, state)
             solution = conjugate_gradient(
-                system.apply, system.project, system.precondition, right_side + drag_load,
+                system.apply, system.project, system.precondition, load + drag_load,
                 system.project(velocities) + held, tolerance=model.settings.velocity_tolerance,
                 max_iterations=model.settings.max_iterations,
             )  # fmt: skip
@@ -202,8 +201,7 @@ class ImplicitIntegrator:
             report.passes += 1
             report.estimated_error = solution.estimated_error
             report.unconverged += not solution.converged
-            pressing, forces = contacts.reactions(-solution.residual)
-            state.wall_stress = 0.5 * (state.wall_stress + contacts.wall_stress(forces))
+            pressing, _ = contacts.reactions(-solution.residual)
             positive = pressing[pressing > 0.0]
             limit = RELEASE * float(positive.mean()) if len(positive) else 0.0
             added = contacts.violations(velocities, dt) > 1e-3 * model.spacing
@@ -240,6 +238,7 @@ class ImplicitIntegrator:
         report.dissipation = total
         report.zero_energy_share = max(0.0, 1.0 - physical / total) if total > 0.0 else 0.0
         _, forces = contacts.reactions(-solution.residual)
+        forces *= contacts.power_factor(forces, v)
         report.tool_force = np.zeros((len(model.walls.tools), 3))
         for k in range(contacts.tool.shape[1]):
             on = contacts.active[:, k]

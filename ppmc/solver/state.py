@@ -37,8 +37,6 @@ class ParticleState:
         Tools touched in the last step, -1 for none.
     contact_normal : ndarray, shape (n, 3, 3)
         Normals of the faces touched.
-    wall_stress : ndarray, shape (n, 3, 3)
-        Wall forces times their lever arm to the particle, force x half-width, Pa mm^3.
     kernel_shape : ndarray, shape (n, 6)
         Shape tensor C of the support, unit determinant.
     platelet_id : ndarray, shape (n,)
@@ -58,7 +56,6 @@ class ParticleState:
     half_width: np.ndarray
     contact_tool: np.ndarray
     contact_normal: np.ndarray
-    wall_stress: np.ndarray
     kernel_shape: np.ndarray
     platelet_id: np.ndarray
     original: np.ndarray
@@ -85,7 +82,6 @@ class ParticleState:
             half_width=np.array(half_width, dtype=np.float64),
             contact_tool=np.full((n, 3), -1, dtype=np.int32),
             contact_normal=np.zeros((n, 3, 3)),
-            wall_stress=np.zeros((n, 3, 3)),
             kernel_shape=sphere.copy(),
             platelet_id=np.full(n, -1, dtype=np.int64)
             if platelet_id is None
