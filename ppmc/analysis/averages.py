@@ -196,6 +196,11 @@ def fourth_components(tensor: np.ndarray) -> np.ndarray:
     return np.asarray(tensor)[..., i, j, k, m]
 
 
+def from_fourth(components: np.ndarray) -> np.ndarray:
+    """Return symmetric tensors (..., 3, 3, 3, 3) from their 15 components in the order `FOURTH`."""
+    return np.asarray(components)[..., _SCATTER]
+
+
 def _spread(second: np.ndarray, fourth: np.ndarray) -> np.ndarray:
     variance = np.einsum("...ijij->...ij", fourth) - second**2
     # Round-off may leave -1e-17 for perfectly aligned material.

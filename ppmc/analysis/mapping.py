@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmc.analysis.averages import FOURTH, from_fourth
 from ppmc.analysis.samples import Samples
 from ppmc.errors import InputFileError
 from ppmc.orientation import from_six, normalise, to_six
@@ -33,6 +34,8 @@ class MappedElements:
         p, q = r × p, r; orthonormal. NaN where nothing is known.
     fibre_tensor, normal_tensor : ndarray, shape (m, 3, 3)
         A and N: of the one nearest point, or averages.
+    fibre_tensor4 : ndarray, shape (m, 3, 3, 3, 3)
+        𝔸, likewise.
     distance : ndarray, shape (m,)
         From the element's centre to the nearest point, mm.
     particle_count : ndarray, shape (m,)
@@ -47,6 +50,7 @@ class MappedElements:
     platelet_normal: Array
     fibre_tensor: Array
     normal_tensor: Array
+    fibre_tensor4: Array
     distance: Array
     particle_count: NDArray[np.int64]
     material_volume: Array
@@ -74,7 +78,7 @@ def map_to_elements(centres: Array, parts: Iterable[Samples], method: Method = "
     m = len(centres)
     distance = np.full(m, np.inf)
     p, r, volume = np.full((m, 3), np.nan), np.full((m, 3), np.nan), np.zeros(m)
-    sums, count = np.zeros((m, 13)), np.zeros(m, dtype=np.int64)
+    sums, count = np.zeros((m, 28)), np.zeros(m, dtype=np.int64)
     elements = cKDTree(centres) if method == "average" else None
     for part in parts:
         if not len(part) or part.fibre_direction is None:
@@ -93,16 +97,17 @@ def map_to_elements(centres: Array, parts: Iterable[Samples], method: Method = "
     if not np.isfinite(distance).any():
         raise InputFileError("there is no point with a known direction to map from")
     A, N = p[:, :, None] * p[:, None, :], r[:, :, None] * r[:, None, :]
+    A4 = A[:, :, :, None, None] * A[:, None, None, :, :]
     if elements is None:
-        return _with_frames(p, r, A, N, distance, np.ones(m, dtype=np.int64), volume)
+        return _with_frames(p, r, A, N, A4, distance, np.ones(m, dtype=np.int64), volume)
     own = count > 0
     with np.errstate(invalid="ignore", divide="ignore"):
-        means = sums[:, :12] / sums[:, 12:]
-    A[own], N[own] = from_six(means[own, :6]), from_six(means[own, 6:])
+        means = sums / sums[:, 12:13]
+    A[own], N[own], A4[own] = from_six(means[own, :6]), from_six(means[own, 6:12]), from_fourth(means[own, 13:])
     p[own] = np.linalg.eigh(A[own])[1][..., -1]
     whole = own & np.isfinite(N).all(axis=(1, 2))
     r[whole] = np.linalg.eigh(N[whole])[1][..., -1]
-    return _with_frames(p, r, A, N, distance, count, sums[:, 12].copy())
+    return _with_frames(p, r, A, N, A4, distance, count, sums[:, 12].copy())
 
 
 def abaqus_distribution(mapped: MappedElements, element_numbers: NDArray[np.int64], name: str = "ppmc") -> str:
@@ -127,7 +132,7 @@ def abaqus_distribution(mapped: MappedElements, element_numbers: NDArray[np.int6
 
 
 def _accumulate(sums: Array, owner: NDArray[np.int64], part: Samples) -> None:
-    """Add V p p, V r r and V of every point to the sums of its element."""
+    """Add V p p, V r r, V and the 15 components of V p p p p of every point to the sums of its element."""
     p = part.fibre_direction
     r = part.platelet_normal
     m = len(sums)
@@ -139,13 +144,24 @@ def _accumulate(sums: Array, owner: NDArray[np.int64], part: Samples) -> None:
         for k in range(6):
             sums[:, start + k] += np.bincount(owner, weights=part.volume * dyads[:, k], minlength=m)
     sums[:, 12] += np.bincount(owner, weights=part.volume, minlength=m)
+    if p is not None:
+        for k, (a, b, c, d) in enumerate(FOURTH):
+            weights = part.volume * p[:, a] * p[:, b] * p[:, c] * p[:, d]
+            sums[:, 13 + k] += np.bincount(owner, weights=weights, minlength=m)
 
 
 def _with_frames(
-    p: Array, r: Array, A: Array, N: Array, distance: Array, count: NDArray[np.int64], volume: Array
+    p: Array,
+    r: Array,
+    A: Array,
+    N: Array,
+    A4: Array,
+    distance: Array,
+    count: NDArray[np.int64],
+    volume: Array,
 ) -> MappedElements:
     """Complete the axes: r is made orthogonal to p, as principal axes of averages need not be."""
     with np.errstate(invalid="ignore"):
         r = np.asarray(normalise(r - np.sum(r * p, axis=1, keepdims=True) * p), dtype=np.float64)
         q = np.cross(r, p)
-    return MappedElements(p, q, r, A, N, distance, count, volume)
+    return MappedElements(p, q, r, A, N, A4, distance, count, volume)

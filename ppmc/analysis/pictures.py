@@ -156,8 +156,9 @@ def _source_views(entry: Analysed, section: AnalysisSection, last: bool) -> list
         behind = samples.select((samples.positions - np.array(cut.point)) @ np.array(cut.normal) <= 0)
         shown = panels.squares(behind, "fibre_direction") if len(behind) else []
         if shown:
-            # A little aslant, so that the rim behind the cut gives depth.
-            x, y, z = (float(v) for v in np.array(cut.normal) + np.array([0.07, -0.07, 0.15]))
+            # A little aslant, so that the rim behind the cut gives depth; x1 runs to the right when seen from above.
+            aslant = [0.0, -0.25, 0.0] if abs(cut.normal[2]) > 0.9 else [0.07, -0.07, 0.15]
+            x, y, z = (float(v) for v in np.array(cut.normal) + np.array(aslant))
             caption = (
                 f"Cut '{title}' through {cut.point} mm, opened towards {tuple(round(v, 3) for v in cut.normal)}: "
                 f"{CAPTIONS['fibre_direction']}; {counted}"
@@ -183,8 +184,8 @@ def _flow_views(results: Results, section: AnalysisSection) -> list[tuple[str, s
     if "knit_line" in section.views and len(maps.knit):
         k = maps.knit
         bounds = CloudView(s.positions, maps.spacing, []).frame
-        crossing = Panel("fibres across", k.crossing, "A_cc [–]", (0.0, 1.0))
-        normal = Panel("normals across", k.normal_across, "N_cc [–]", (0.0, 1.0))
+        crossing = Panel("fibres across", k.crossing, "$A_{cc}$ [–]", (0.0, 1.0))
+        normal = Panel("normals across", k.normal_across, "$N_{cc}$ [–]", (0.0, 1.0))
         view = CloudView(s.positions[k.index], maps.spacing, [crossing, normal], bounds)
         caption = (
             f"Knit lines: the {len(k):,} of {n:,} particles that met neighbours from elsewhere. Share of fibres "

@@ -12,7 +12,6 @@ from ppmc.analysis.mapping import MappedElements, map_to_elements
 from ppmc.analysis.sources import Source
 from ppmc.analysis.stiffness import Lamina, averaged_stiffness, engineering_moduli, stiffness_matrix
 from ppmc.errors import InputFileError, SceneError
-from ppmc.orientation.closures import natural
 
 if TYPE_CHECKING:
     from ppmc.scene.analysis import MeshSection
@@ -146,10 +145,9 @@ def map_mesh(mesh: StructuralMesh, source: Source, section: MeshSection, notes: 
         lamina = Lamina(**section.lamina.model_dump())
         known = np.isfinite(elements.fibre_tensor).all(axis=(1, 2))
         stiffness = np.full((len(mesh.centres), 6, 6), np.nan)
-        A = elements.fibre_tensor[known]
-        # One point has 𝔸 = pppp, which the natural closure returns for A = pp too.
+        A, A4 = elements.fibre_tensor[known], elements.fibre_tensor4[known]
         try:
-            stiffness[known] = stiffness_matrix(averaged_stiffness(A, natural(A), lamina))
+            stiffness[known] = stiffness_matrix(averaged_stiffness(A, A4, lamina))
         except ValueError as error:
             raise SceneError(f"analysis.mesh.lamina: {error}") from None
     return MappedMesh(mesh, elements, stiffness)

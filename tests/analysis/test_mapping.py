@@ -46,6 +46,9 @@ def test_average_conserves_volume_and_the_whole_tensor() -> None:
     whole = np.einsum("m,mij->ij", mapped.material_volume, mapped.fibre_tensor) / mapped.material_volume.sum()
     assert np.allclose(whole, orientation_tensor(s.fibre_direction, s.volume), atol=1e-12)
     assert np.allclose(np.trace(mapped.normal_tensor, axis1=1, axis2=2), 1)
+    assert np.allclose(np.einsum("mijkk->mij", mapped.fibre_tensor4), mapped.fibre_tensor, atol=1e-12)
+    whole4 = np.einsum("m,mijkl->ijkl", mapped.material_volume, mapped.fibre_tensor4) / mapped.material_volume.sum()
+    assert np.allclose(whole4, orientation_tensor4(s.fibre_direction, s.volume), atol=1e-12)
 
 
 def test_elements_without_particles_take_the_nearest_and_say_so() -> None:
