@@ -1,0 +1,217 @@
+"""Coarse grid, its factorisation and the vectorised sweeps, against plain NumPy and against the general sweeps."""
+
+import numba
+import numpy as np
+import pytest
+
+from ppmc.errors import NumericalError
+from ppmc.solver.block_jacobi import multiply_blocks, restricted_inverse
+from ppmc.solver.coarse_grid import CoarseGrid, make_grid
+from ppmc.solver.conjugate_gradient import conjugate_gradient
+from ppmc.solver.operator import Operator
+from ppmc.solver.skyline import factorise
+
+from .blocks import lattice, make_operator, unit_vectors
+
+
+def hold_floor(positions: np.ndarray) -> np.ndarray:
+    """Projections that hold the lowest layer along x3, its edge altogether."""
+    free = np.tile(np.eye(3), (len(positions), 1, 1))
+    free[positions[:, 2] < 1.0, 2, 2] = 0.0
+    free[(positions[:, 2] < 1.0) & (positions[:, 0] < 1.0)] = 0.0
+    return free
+
+
+def stiff_grid(operator: Operator, free: np.ndarray, cell: float = 2.5) -> tuple[CoarseGrid, np.ndarray]:
+    grid = make_grid(operator.positions, cell)
+    own = np.trace(operator.diagonal(), axis1=1, axis2=2) / 3.0
+    point = own[:, None, None] * (np.eye(3) - free)
+    grid.stiffen(operator.volumes, operator.shear, operator.bulk, operator.fibre, operator.directions, point)
+    return grid, point
+
+
+def shape_functions(grid: CoarseGrid) -> tuple[np.ndarray, np.ndarray]:
+    """Values (n, nodes) and gradients (n, nodes, 3) of the grid's trilinear functions."""
+    n, count = len(grid.local), len(grid.corners)
+    values, gradients = np.zeros((n, count)), np.zeros((n, count, 3))
+    cell = np.empty(n, dtype=int)
+    cell[grid.order] = np.repeat(np.arange(len(grid.nodes)), np.diff(grid.start))
+    for corner in range(8):
+        bits = np.array([corner >> 2 & 1, corner >> 1 & 1, corner & 1])
+        weight = np.where(bits, grid.local, 1.0 - grid.local)
+        node = grid.nodes[cell, corner]
+        values[np.arange(n), node] += weight.prod(axis=1)
+        for axis in range(3):
+            slope = (1.0 if bits[axis] else -1.0) / grid.size[axis]
+            gradients[np.arange(n), node, axis] += slope * np.delete(weight, axis, axis=1).prod(axis=1)
+    return values, gradients
+
+
+def grid_stiffness(operator: Operator, grid: CoarseGrid, point: np.ndarray) -> np.ndarray:
+    """Stiffness of the grid, dense, from the power of unit motions."""
+    values, gradients = shape_functions(grid)
+    n, count = values.shape
+    motion = np.einsum("ia,cd->iacd", values, np.eye(3)).reshape(n, 3 * count, 3)
+    slope = np.einsum("iab,cd->iacdb", gradients, np.eye(3)).reshape(n, 3 * count, 3, 3)
+    rate = 0.5 * (slope + np.swapaxes(slope, 2, 3))
+    trace = np.einsum("imaa->im", rate)
+    dev = rate - trace[..., None, None] * np.eye(3) / 3.0
+    out = np.einsum("i,imab,ikab->mk", 2.0 * operator.volumes * operator.shear, dev, dev)
+    out += np.einsum("i,im,ik->mk", operator.volumes * operator.bulk, trace, trace)
+    for k in range(operator.fibre.shape[1]):
+        p = operator.directions[:, k]
+        along = np.einsum("imab,ia,ib->im", dev, p, p)
+        out += np.einsum("i,im,ik->mk", operator.volumes * operator.fibre[:, k], along, along)
+    return out + np.einsum("ima,iab,ikb->mk", motion, point, motion)
+
+
+def as_matrix(apply, n: int) -> np.ndarray:
+    return np.stack([apply(unit.reshape(n, 3)).ravel() for unit in np.eye(3 * n)], axis=1)
+
+
+def test_skyline_solution_against_numpy():
+    rng = np.random.default_rng(0)
+    n = 40
+    first = np.maximum(0, np.arange(n) - rng.integers(0, 12, n))
+    offset = np.append(0, np.cumsum(np.arange(n) - first + 1))
+    factor = np.zeros((n, n))
+    for i in range(n):
+        factor[i, first[i] : i + 1] = rng.normal(size=i - first[i] + 1)
+        factor[i, i] = 5.0 + abs(factor[i, i])
+    matrix = factor @ factor.T
+    values = np.concatenate([matrix[i, first[i] : i + 1] for i in range(n)])
+    load = rng.normal(size=n)
+    found = factorise(first, offset, values, 0.0).solve(load)
+    np.testing.assert_allclose(found, np.linalg.solve(matrix, load), rtol=1e-9, atol=1e-12)
+
+
+def test_motions_without_stiffness_do_not_spoil_the_factor():
+    values = np.array([1.0, -1.0, 1.0])  # two nodes joined by one spring, free to move together
+    solution = factorise(np.array([0, 0]), np.array([0, 1, 3]), values, 1e-9).solve(np.array([1.0, -1.0]))
+    assert np.all(np.isfinite(solution))
+    assert solution[0] - solution[1] == pytest.approx(1.0, rel=1e-6)
+
+
+def test_grid_solves_its_own_problem_exactly():
+    positions = lattice((6, 5, 4), 0.2)
+    operator = make_operator(positions, unit_vectors(len(positions)))
+    grid, point = stiff_grid(operator, hold_floor(positions))
+    values, _ = shape_functions(grid)
+    shapes = np.kron(values, np.eye(3))
+    stiffness = grid_stiffness(operator, grid, point)
+    exact = shapes @ np.linalg.solve(stiffness, shapes.T)
+    found = as_matrix(grid.correct, len(positions))
+    np.testing.assert_allclose(found, exact, atol=1e-6 * abs(exact).max())
+    # A load that a motion of the grid causes gives that motion back.
+    motion = np.random.default_rng(3).normal(size=3 * values.shape[1])
+    load = np.linalg.lstsq(shapes.T, stiffness @ motion, rcond=None)[0].reshape(-1, 3)
+    np.testing.assert_allclose(grid.correct(load).ravel(), shapes @ motion, atol=1e-6)
+
+
+def test_affine_motions_cost_the_grid_what_they_cost_the_operator():
+    positions = lattice((6, 5, 4), 0.2)
+    operator = make_operator(positions, unit_vectors(len(positions)), ratio=6e4)
+    grid, _ = stiff_grid(operator, np.tile(np.eye(3), (len(positions), 1, 1)))
+    stiffness = grid_stiffness(operator, grid, np.zeros((len(positions), 3, 3)))
+    values, _ = shape_functions(grid)
+    nodes = np.linalg.lstsq(values, positions, rcond=None)[0]  # the grid's own places
+    gradient = np.random.default_rng(1).normal(size=(3, 3))
+    coarse = (nodes @ gradient.T).ravel()
+    fine = positions @ gradient.T
+    assert coarse @ stiffness @ coarse == pytest.approx(np.sum(fine * operator.apply(fine)), rel=1e-10)
+
+
+def test_preconditioner_is_symmetric_and_positive_definite():
+    positions = lattice((5, 4, 4), 0.2)
+    n = len(positions)
+    operator = make_operator(positions, unit_vectors(n), ratio=1e4)
+    free = hold_floor(positions)
+    grid, _ = stiff_grid(operator, free)
+    inverse = restricted_inverse(operator.diagonal(), free)
+
+    def precondition(r: np.ndarray) -> np.ndarray:
+        return multiply_blocks(inverse, r) + multiply_blocks(free, grid.correct(r))
+
+    def projected(r: np.ndarray) -> np.ndarray:
+        return precondition(multiply_blocks(free, r))
+
+    matrix = as_matrix(projected, n)
+    np.testing.assert_allclose(matrix, matrix.T, atol=1e-10 * abs(matrix).max())
+    values = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
+    held = 3 * n - round(np.trace(free, axis1=1, axis2=2).sum())
+    assert np.sum(values < 1e-12 * values.max()) == held
+    assert values.min() > -1e-12 * values.max()
+
+
+def test_grid_is_equal_to_the_bit_for_any_thread_count():
+    positions = lattice((9, 8, 6), 0.2)
+    operator = make_operator(positions, unit_vectors(len(positions)))
+    load = np.random.default_rng(5).normal(size=positions.shape)
+    results = []
+    before = numba.get_num_threads()
+    for threads in (1, numba.config.NUMBA_NUM_THREADS):
+        numba.set_num_threads(threads)
+        grid, _ = stiff_grid(operator, hold_floor(positions))
+        results.append((grid.correct(load), operator.apply(load)))
+    numba.set_num_threads(before)
+    np.testing.assert_array_equal(results[0][0], results[1][0])
+    np.testing.assert_array_equal(results[0][1], results[1][1])
+
+
+def test_grid_saves_most_iterations():
+    positions = lattice((14, 10, 4), 0.1)
+    n = len(positions)
+    # Platelets of 7 x 5 particles in each layer, turned at random.
+    tile = np.ravel_multi_index((positions // (7, 5, 1)).astype(int).T, (3, 3, 5))
+    angle = np.random.default_rng(2).uniform(0.0, np.pi, tile.max() + 1)[tile]
+    directions = np.stack([np.cos(angle), np.sin(angle), np.zeros(n)], axis=1)[:, None]
+    operator = make_operator(positions, directions, ratio=1e4, bulk=6e4)
+    free, start = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
+    plates = (positions[:, 2] < 1.0) | (positions[:, 2] > 3.0)
+    free[plates, 2, 2] = 0.0
+    start[positions[:, 2] > 3.0, 2] = -1.0
+    inverse = restricted_inverse(operator.diagonal(), free)
+    grid, _ = stiff_grid(operator, free, 3.0)
+
+    def solve(precondition, tolerance: float) -> tuple[np.ndarray, int]:
+        solution = conjugate_gradient(
+            operator.apply, lambda v: multiply_blocks(free, v), precondition, np.zeros((n, 3)), start,
+            tolerance=tolerance, max_iterations=2000,
+        )  # fmt: skip
+        return solution.velocities, solution.iterations
+
+    def with_grid(r: np.ndarray) -> np.ndarray:
+        return multiply_blocks(inverse, r) + multiply_blocks(free, grid.correct(r))
+
+    plain, many = solve(lambda r: multiply_blocks(inverse, r), 1e-6)
+    quick, few = solve(with_grid, 1e-6)
+    # Between slip plates the block may slide and turn as it likes.
+    slide = np.zeros((n, 3, 3))
+    slide[:, 0, 0] = slide[:, 1, 1] = 1.0
+    slide[:, 0, 2], slide[:, 1, 2] = -positions[:, 1], positions[:, 0]
+    rigid, difference = slide.reshape(3 * n, 3), (quick - plain).ravel()
+    difference -= rigid @ np.linalg.lstsq(rigid, difference, rcond=None)[0]
+    np.testing.assert_allclose(difference, 0.0, atol=1e-3)
+    assert few < 0.35 * many
+
+
+def test_grid_refuses_lost_particles():
+    positions = lattice((3, 3, 3))
+    positions[4] = np.nan
+    with pytest.raises(NumericalError, match="lost"):
+        make_grid(positions, 3.0)
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_vectorised_sweeps_against_the_general_ones(count):
+    positions = lattice((6, 5, 5), 0.25)
+    n = len(positions)
+    single = make_operator(positions, unit_vectors(n)[:, :count], ratio=1e4)
+    general = make_operator(positions, np.concatenate([unit_vectors(n), unit_vectors(n, 7)], axis=1), ratio=1e4)
+    general.fibre[:, 0], general.control[:, 2] = 0.0, 0.0
+    if count:
+        general.fibre[:, 0], general.control[:, 2] = single.fibre[:, 0], single.control[:, 2]
+    general.fibre[:, 1], general.control[:, 3] = 0.0, 0.0
+    velocities = np.random.default_rng(4).normal(size=(n, 3))
+    expected = general.apply(velocities)
+    np.testing.assert_allclose(single.apply(velocities), expected, atol=1e-12 * abs(expected).max())
