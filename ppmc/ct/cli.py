@@ -16,6 +16,8 @@ def ct(
     output: Path | None = None,
     resume: bool = False,
     part: str | None = None,
+    figures: Path | None = None,
+    suggest: bool = False,
 ) -> None:
     """Find fibre direction p, platelet normal r and their certainty at every voxel of a CT volume.
 
@@ -37,14 +39,20 @@ def ct(
     part : str, optional
         Compute only a share of the tiles, such as 2/8 for the second of eight, and leave them in <output>.parts;
         when all shares are done, --resume gathers them. For jobs on several machines.
+    figures : Path, optional
+        Folder for pictures of the result: sections, angles, pole figures, tensors through the thickness, glyphs.
+    suggest : bool
+        Only look at the volume and print sigma, windows and noise level that suit it, as a section for the scene.
 
     Examples
     --------
     ppmc ct configs/demo.yaml
 
-    ppmc ct scan.yaml --input slices/ --output orientations.vtkhdf
+    ppmc ct scan.yaml --input slices/ --output orientations.vtkhdf --figures figures
+
+    ppmc ct scan.yaml --suggest
     """
-    from ppmc.ct.stage import run
+    from ppmc.ct import stage
     from ppmc.scene import load_scene
     from ppmc.scene.paths import run_paths
 
@@ -52,8 +60,17 @@ def ct(
     paths = run_paths(loaded)
     if input is None and loaded.require("ct").source.path is None:
         input = paths.volume
+    if suggest:
+        print("\n".join(stage.suggest(loaded, input=input)))
+        return
     share = share_of(part) if part else None
-    print(run(loaded, input=input, output=output or paths.orientations, resume=resume, part=share))
+    written = stage.run(loaded, input=input, output=output or paths.orientations, resume=resume, part=share)
+    print(written)
+    if figures is not None and share is None:
+        from ppmc.ct.figures import draw
+
+        for path in draw(written, figures):
+            print(path)
 
 
 def share_of(text: str) -> tuple[int, int]:

@@ -11,12 +11,16 @@ orthogonal to it, and in the end r is made orthogonal to p.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from ppmc.compile_cache import njit
 from ppmc.ct.eigen import smallest_row, solve_row
 
 U = np.uint64
+kernel = partial(njit, nogil=True, no_cpython_wrapper=True)
+"""Decorator of kernels that only kernels call: without the wrapper for Python they compile sooner."""
 ZERO, ONE, TINY = np.float32(0.0), np.float32(1.0), np.float32(1e-30)
 ROUNDING = np.float32(1e-4)
 """Share of the largest eigenvalue below which differences of eigenvalues mean nothing in float32."""
@@ -28,7 +32,7 @@ PARALLEL = np.float32(0.05)
 """Sine below which a normal is too close to p to be made orthogonal to it; the small window's normal serves then."""
 
 
-@njit(nogil=True)
+@kernel()
 def _cells_of_row(first, stride, start, cell, cells, count):
     """Return the lower cell of every ``stride``-th voxel from ``first`` on, and the share of the upper one.
 
@@ -45,7 +49,7 @@ def _cells_of_row(first, stride, start, cell, cells, count):
     return lower, share
 
 
-@njit(nogil=True)
+@kernel()
 def interpolate_row(coarse, k, a, j, b, lower, share, scratch, out):
     """Interpolate a coarse field (cz, cy, 6, cx) linearly along a row.
 
@@ -65,13 +69,13 @@ def interpolate_row(coarse, k, a, j, b, lower, share, scratch, out):
             out[o + i] = (ONE - share[i]) * scratch[m] + share[i] * scratch[m + next_]
 
 
-@njit(nogil=True)
+@kernel()
 def _copy_row(row, first, step, out):
     for i in range(U(out.shape[0])):
         out[i] = row[U(first) + i * U(step)]
 
 
-@njit(nogil=True)
+@kernel()
 def _gather_row(tensors, z, y, x0, step, normal, inverse_h, move, out):
     """Copy the tensors that lie ``move`` voxels along the normal; its largest component moves by whole voxels."""
     nz, ny, nx = tensors.shape[0], tensors.shape[1], tensors.shape[3]
@@ -88,7 +92,7 @@ def _gather_row(tensors, z, y, x0, step, normal, inverse_h, move, out):
             out[U(c * n + i)] = tensors[iz, iy, U(c), ix]
 
 
-@njit(nogil=True)
+@kernel()
 def _keep_better(score, best_score, tensor, best):
     n = U(score.shape[0])
     for c in range(6):
@@ -99,7 +103,7 @@ def _keep_better(score, best_score, tensor, best):
         best_score[i] = min(score[i], best_score[i])
 
 
-@njit(nogil=True)
+@kernel()
 def _press_flat_row(tensor, press, normal):
     """Add to each tensor ``press`` times its normal's dyad: a doubtful p is kept in the platelet's plane."""
     n = U(press.shape[0])
@@ -114,7 +118,7 @@ def _press_flat_row(tensor, press, normal):
         tensor[U(5) * n + i] += c * x * z
 
 
-@njit(nogil=True)
+@kernel()
 def _release_row(small, press, normal):
     """Take the pressure out of the eigenvalues again: mean squared gradients along the axes that were found."""
     n = U(press.shape[0])
@@ -132,7 +136,7 @@ def _release_row(small, press, normal):
         small[n2 + i] = high
 
 
-@njit(nogil=True)
+@kernel()
 def _axis_row(row, first, lead_order, out, o):
     """Copy unit vectors from component ``first`` of a row on, the leading component that is not zero made positive."""
     n = U(row.shape[0] // 9)
@@ -148,7 +152,7 @@ def _axis_row(row, first, lead_order, out, o):
         out[oz + i] = sign * row[z + i]
 
 
-@njit(nogil=True)
+@kernel()
 def _orthogonal_row(small, large):
     """Make the normals of ``large`` orthogonal to p of ``small``; where they are parallel to it, take ``small``'s."""
     n = U(small.shape[0] // 9)
@@ -176,7 +180,7 @@ def _orthogonal_row(small, large):
         large[n8 + i] = norm * rz
 
 
-@njit(nogil=True)
+@kernel()
 def _certainty_row(small, large, scale, samples, out):
     """Write eigenvalues, linearity of p, planarity of r and predicted error of p into rows 6 to 11 of ``out``."""
     n = U(small.shape[0] // 9)
@@ -202,7 +206,7 @@ def _certainty_row(small, large, scale, samples, out):
         out[n11 + i] = error if error < RIGHT_ANGLE else RIGHT_ANGLE
 
 
-@njit(nogil=True)
+@kernel()
 def _store_row(frame, least_energy, least_confidence, fibre, normal, values, confidence, planarity, predicted, valid):
     """Copy a row of results to the fields; ``valid`` keeps zeros it has on entry."""
     n = U(frame.shape[0] // 12)

@@ -18,8 +18,10 @@ from ppmc.ct.orientations import FIELD_NAMES, Job, cells_of, compute_tiles, grey
 from ppmc.ct.parts import Fields, Parts
 from ppmc.ct.phantom import Phantom
 from ppmc.ct.registration import registered
+from ppmc.ct.segment import mask_reader, specimen_mask
 from ppmc.ct.settings import settings
 from ppmc.ct.source import Volume, open_volume
+from ppmc.ct.suggest import advise
 from ppmc.ct.tiles import MIB, tiling
 from ppmc.errors import InputFileError, SceneError
 from ppmc.files import FIELDS, Provenance, VoxelGrid, VoxelWriter, check_output
@@ -198,22 +200,49 @@ def opened(scene: Scene, path: Path, mask_path: Path | None) -> Iterator[Volume]
                     "they must be equal"
                 )
             volume = replace(volume, read_mask=mask.read)
+        elif section.mask is not None and section.mask.segment:
+            found, cell = specimen_mask(volume, exclude_voids=section.mask.exclude_voids)
+            volume = replace(volume, read_mask=mask_reader(found, cell))
         yield volume
+
+
+def suggest(scene: Scene, *, input: Path | None = None) -> list[str]:
+    """Return advice on sigma and windows for a volume, as lines of a scene.
+
+    Raises
+    ------
+    SceneError
+        If the voxel size is not known.
+    InputFileError
+        If the volume is missing or damaged.
+    """
+    with opened(scene, volume_path(scene, input), None) as volume:
+        return advise(volume, _spacing(scene, volume), _thickness(scene)).lines()
+
+
+def _spacing(scene: Scene, volume: Volume) -> tuple[float, float, float]:
+    """Return the voxel size that the scene or else the file states."""
+    given = scene.require("ct").source.voxel_size
+    if given is not None:
+        return given if isinstance(given, tuple) else (given, given, given)
+    if volume.spacing is None:
+        raise SceneError(f"{volume.path} does not state its voxel size: give ct: source: voxel_size: (mm, or '50 um')")
+    return volume.spacing
+
+
+def _thickness(scene: Scene) -> float | None:
+    """Return the platelet thickness that the scene knows of."""
+    section: CtSection = scene.require("ct")
+    if section.platelet_thickness is None and scene.phantom is not None:
+        return scene.phantom.platelet.thickness
+    return section.platelet_thickness
 
 
 def plan(scene: Scene, volume: Volume) -> Job:
     """Work out filters, windows and units for a volume."""
     section: CtSection = scene.require("ct")
-    spacing = volume.spacing
-    given = section.source.voxel_size
-    if given is not None:
-        spacing = given if isinstance(given, tuple) else (given, given, given)
-    if spacing is None:
-        raise SceneError(f"{volume.path} does not state its voxel size: give ct: source: voxel_size: (mm, or '50 um')")
-    thickness = section.platelet_thickness
-    if thickness is None and scene.phantom is not None:
-        thickness = scene.phantom.platelet.thickness
-    chosen = settings(section, spacing, volume.shape, thickness)
+    spacing = _spacing(scene, volume)
+    chosen = settings(section, spacing, volume.shape, _thickness(scene))
     reference = grey_reference(volume)
     level = noise_level(volume) if section.noise_level is None else section.noise_level
     return Job(

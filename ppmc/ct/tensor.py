@@ -22,11 +22,15 @@ Component order XX, YY, ZZ, XY, YZ, XZ, and the windowed weight as a seventh whe
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from ppmc.compile_cache import njit
 
 U = np.uint64
+kernel = partial(njit, nogil=True, no_cpython_wrapper=True)
+"""Decorator of kernels that only kernels call: without the wrapper for Python they compile sooner."""
 ZERO = np.float32(0.0)
 LEAST_WEIGHT = np.float32(1e-6)
 BATCH = 8
@@ -35,19 +39,19 @@ STRETCH = 512
 """Floats of each plane that are windowed along z at a time: the ring's part of them fits the innermost cache."""
 
 
-@njit(nogil=True, fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def _scale(src, a, c, out, o, n):
     for i in range(n):
         out[o + i] = c * src[a + i]
 
 
-@njit(nogil=True, fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def _add_one(src, a0, b0, c0, out, o, n):
     for i in range(n):
         out[o + i] += c0 * (src[a0 + i] + src[b0 + i])
 
 
-@njit(nogil=True, fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def _add_three(src, a0, b0, c0, a1, b1, c1, a2, b2, c2, out, o, n):
     for i in range(n):
         total = out[o + i] + c0 * (src[a0 + i] + src[b0 + i])
@@ -55,7 +59,7 @@ def _add_three(src, a0, b0, c0, a1, b1, c1, a2, b2, c2, out, o, n):
         out[o + i] = total + c2 * (src[a2 + i] + src[b2 + i])
 
 
-@njit(nogil=True, fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def _set_three(src, a, c, a0, b0, c0, a1, b1, c1, a2, b2, c2, out, o, n):
     for i in range(n):
         total = ZERO + c * src[a + i]
@@ -64,7 +68,7 @@ def _set_three(src, a, c, a0, b0, c0, a1, b1, c1, a2, b2, c2, out, o, n):
         out[o + i] = total + c2 * (src[a2 + i] + src[b2 + i])
 
 
-@njit(nogil=True)
+@kernel()
 def _even(src, base, offsets, taps, out, o, n):
     """Correlate with symmetric taps: rows at ``base + offsets`` of ``src`` into ``out[o : o + n]``."""
     k = taps.shape[0] // 2
@@ -92,19 +96,19 @@ def _even(src, base, offsets, taps, out, o, n):
         t += 1
 
 
-@njit(nogil=True, fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def _set_slope(src, a0, b0, d0, out, o, n):
     for i in range(n):
         out[o + i] = d0 * (src[a0 + i] - src[b0 + i])
 
 
-@njit(nogil=True, fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def _add_slope(src, a0, b0, d0, out, o, n):
     for i in range(n):
         out[o + i] += d0 * (src[a0 + i] - src[b0 + i])
 
 
-@njit(nogil=True, fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def _add_slope_three(src, a0, b0, d0, a1, b1, d1, a2, b2, d2, out, o, n):
     for i in range(n):
         total = out[o + i] + d0 * (src[a0 + i] - src[b0 + i])
@@ -112,7 +116,7 @@ def _add_slope_three(src, a0, b0, d0, a1, b1, d1, a2, b2, d2, out, o, n):
         out[o + i] = total + d2 * (src[a2 + i] - src[b2 + i])
 
 
-@njit(nogil=True)
+@kernel()
 def _odd(src, base, offsets, taps, out, o, n):
     """Correlate with antisymmetric taps."""
     k = taps.shape[0] // 2
@@ -131,7 +135,7 @@ def _odd(src, base, offsets, taps, out, o, n):
         t += 1
 
 
-@njit(nogil=True, fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def _set_both(src, a, c, a0, b0, c0, d0, even, odd, o, n):
     for i in range(n):
         u = src[a0 + i]
@@ -141,7 +145,7 @@ def _set_both(src, a, c, a0, b0, c0, d0, even, odd, o, n):
         odd[o + i] = d0 * (u - v)
 
 
-@njit(nogil=True, fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def _add_both(src, a0, b0, c0, d0, even, odd, o, n):
     for i in range(n):
         u = src[a0 + i]
@@ -150,7 +154,7 @@ def _add_both(src, a0, b0, c0, d0, even, odd, o, n):
         odd[o + i] += d0 * (u - v)
 
 
-@njit(nogil=True, fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def _add_both_three(src, a0, b0, c0, d0, a1, b1, c1, d1, a2, b2, c2, d2, even, odd, o, n):
     for i in range(n):
         u0 = src[a0 + i]
@@ -167,7 +171,7 @@ def _add_both_three(src, a0, b0, c0, d0, a1, b1, c1, d1, a2, b2, c2, d2, even, o
         odd[o + i] = slant + d2 * (u2 - v2)
 
 
-@njit(nogil=True)
+@kernel()
 def _both(src, base, offsets, smooth, slope, even, odd, o, n):
     """Smooth and differentiate in one go."""
     k = smooth.shape[0] // 2
@@ -189,7 +193,7 @@ def _both(src, base, offsets, smooth, slope, even, odd, o, n):
         t += 1
 
 
-@njit(nogil=True, fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def _products(gx, gy, gz, vote, first, c, size, n, out):
     """Write the six products of the gradient, weighted by ``c * vote[first:]``, ``size`` floats apart."""
     xx, yy, zz, xy, yz, xz = U(0), size, U(2) * size, U(3) * size, U(4) * size, U(5) * size
@@ -208,7 +212,7 @@ def _products(gx, gy, gz, vote, first, c, size, n, out):
         out[xz + i] = va * d
 
 
-@njit(nogil=True, fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def _store(plane, base, size, c, inverse, noise, out, o, n):
     """Copy a row of averages: divide by the separable weight (given inverted), take the noise's share off."""
     for channel in range(6):
@@ -219,7 +223,7 @@ def _store(plane, base, size, c, inverse, noise, out, o, n):
             out[first + i] = plane[a + i] * (c * inverse[i]) - share
 
 
-@njit(nogil=True, fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def _store_weighted(plane, base, size, averaged, noise, out, o, n):
     """Copy a row with its windowed votes; divide by them, if averages are wanted; nothing where nobody voted."""
     votes = base + U(6) * size
@@ -238,7 +242,7 @@ def _store_weighted(plane, base, size, averaged, noise, out, o, n):
                 out[first + i] = plane[a + i]
 
 
-@njit(nogil=True)
+@kernel()
 def _offsets(count, step):
     """Return where ``count`` stretches begin that are ``step`` apart."""
     offsets = np.empty(count, np.uint64)
@@ -247,7 +251,7 @@ def _offsets(count, step):
     return offsets
 
 
-@njit(nogil=True)
+@kernel()
 def _phase_offsets(first, count, phases, size):
     """Return where voxels first .. first + count - 1 of a row stand that is stored in phases of ``size`` floats."""
     offsets = np.empty(count, np.uint64)
