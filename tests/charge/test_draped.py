@@ -125,7 +125,7 @@ def test_thick_sheet_in_a_tight_corner_is_refused():
 
 def test_regional_normals_of_the_five_regions():
     part = DoubleDome()
-    section = RegionalOrientation.model_validate(part.regional_orientation())
+    section = RegionalOrientation.model_validate(part.orientation())
     _, draped, _ = laid({"tool": part.tooling()["punch"]}, 3.5, **{**part.charge_domain(), "tool": "tool"})
     frames = regional_frames(section, draped.positions, np.random.default_rng(0))
     assert len(frames.notes["regions"]) == 5 and min(frames.notes["particles_per_region"]) > 0

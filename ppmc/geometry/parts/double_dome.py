@@ -198,8 +198,12 @@ class DoubleDome(Part):
         strip = {"along": "x3", "sweep": "x1", "length": min(150.0, self.spine), "width": 2.5}
         return {"across": {"kind": "swept", **strip, "start": -self.rim, "stop": self.rim, "points": 64}}
 
-    def regional_orientation(self) -> dict[str, Any]:
-        """Return the papers' five regions with their normals as a scene's `charge.orientation` (D, Fig 5)."""
+    def material(self) -> dict[str, Any]:
+        """Return D's material: anisotropy ratio 116."""
+        return {**super().material(), "anisotropy_ratio": 116.0}
+
+    def orientation(self) -> dict[str, Any]:
+        """Return planar random orientations about the normals of D's five regions (D, Fig 5)."""
         cosine, sine = math.cos(math.radians(self.draft)), math.sin(math.radians(self.draft))
         normals = {
             "top": [0.0, 1.0, 0.0],

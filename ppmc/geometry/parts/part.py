@@ -50,6 +50,18 @@ class Part(Section):
         """Return the charge cavity as a scene's `charge.domain`."""
         raise NotImplementedError
 
+    def orientation(self) -> dict[str, Any]:
+        """Return how the papers filled the charge, as a scene's `charge.orientation`; random platelets by default."""
+        return {"source": "platelets", "length": 12.7, "width": 6.35, "wall_softness": 0.35}
+
+    def material(self) -> dict[str, Any]:
+        """Return a material as a scene's `material`.
+
+        The viscosity is that of resin of 1 Pa s at 60 % fibres, 5.36 Pa s; flow changes little with the anisotropy
+        ratio above 1000 (J, section IV), and less costs less.
+        """
+        return {"model": "transversely_isotropic", "shear_viscosity": 5.36, "anisotropy_ratio": 1000.0}
+
     def regions(self) -> dict[str, dict[str, Any]]:
         """Return inspection regions of the closed part as a scene's `analysis.regions`."""
         raise NotImplementedError
@@ -67,10 +79,11 @@ class Part(Section):
         return self.mesh(size).surface()
 
     def scene_sections(self) -> dict[str, Any]:
-        """Return the sections of a scene that the part decides: tooling, the charge's domain, time, inspection."""
+        """Return the sections of a scene, all but the spacing of particles and how often to write."""
         sections = {
-            "charge": {"domain": self.charge_domain()},
+            "charge": {"domain": self.charge_domain(), "orientation": self.orientation()},
             "tooling": self.tooling(),
+            "material": self.material(),
             "solver": {"end_time": self.closing_time},
             "analysis": {"regions": self.regions(), "paths": self.paths()},
         }

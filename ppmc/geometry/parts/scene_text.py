@@ -60,17 +60,14 @@ def scene_text(part: Part, name: str, spacing: float) -> str:
     """
     sections = part.scene_sections()
     dimensions = ", ".join(f"{k}={v}" for k, v in part.model_dump(exclude_none=True).items() if k != "part")
-    sections["charge"] |= {
-        "spacing": spacing,
-        "orientation": {"source": "platelets", "length": 12.7, "width": 6.35, "wall_softness": 0.35},
-    }
+    domain, orientation = sections["charge"]["domain"], sections["charge"]["orientation"]
     scene = {
         "name": name,
         "seed": 1,
         "description": f"{type(part).__name__}: {dimensions}",
-        "charge": sections["charge"],
+        "charge": {"domain": domain, "spacing": spacing, "orientation": orientation},
         "tooling": sections["tooling"],
-        "material": {"model": "transversely_isotropic", "shear_viscosity": 5.36, "anisotropy_ratio": 1000.0},
+        "material": sections["material"],
         "solver": sections["solver"] | {"output_interval": part.closing_time / 20.0},
         "analysis": sections["analysis"],
     }
