@@ -104,7 +104,10 @@ def flow_source(file: SeriesFile, frame: int, label: str = "flow") -> Source:
         float(file.times[frame]),
         fields,
     )
-    return _in_memory(samples, "flow")
+    # Half the width of the deformed particle along each axis: a squeezed block ends there, not half a spacing on.
+    F = values.get("deformation_gradient")
+    stretch = np.ones(3) if F is None else np.sqrt((F.reshape(-1, 3, 3) ** 2).sum(axis=2)).mean(axis=0)
+    return _in_memory(samples, "flow", stretch)
 
 
 def charge_source(file: ParticleFile, label: str = "charge") -> Source:
@@ -207,16 +210,13 @@ def _voxel_source(file: VoxelFile, label: str, known: Callable[[tuple[slice, sli
     return Source(label, file.product, None, count, lower, upper, float(np.cbrt(volume)), parts)
 
 
-def _in_memory(samples: Samples, product: str) -> Source:
+def _in_memory(samples: Samples, product: str, stretch: np.ndarray | None = None) -> Source:
+    """Return samples as a source; their bounds reach half a (stretched) spacing beyond the points."""
     lower, upper = samples.bounds
-    half = 0.5 * samples.spacing
-    return Source(
-        samples.label,
-        product,
-        samples.time,
-        len(samples),
-        lower - half,
-        upper + half,
-        samples.spacing,
-        lambda: iter([samples]),
-    )
+    half = 0.5 * samples.spacing * (np.ones(3) if stretch is None else stretch)
+
+    def parts() -> Iterator[Samples]:
+        yield samples
+
+    low, high = lower - half, upper + half
+    return Source(samples.label, product, samples.time, len(samples), low, high, samples.spacing, parts)

@@ -10,6 +10,7 @@ import pytest
 
 from ppmc.analysis import rendering, stage, views
 from ppmc.analysis.rendering import Rendered
+from ppmc.analysis.sources import flow_source
 from ppmc.errors import InputFileError, SceneError
 from ppmc.files import SeriesWriter, open_series
 from ppmc.orientation import push_affine
@@ -80,6 +81,12 @@ def test_tables_agree_with_the_affine_squeeze(whole: Path, chain: Chain) -> None
     assert motion.J_mean.iloc[-1] == pytest.approx(1)
     force = pd.read_csv(whole.parent / "tables" / "press_force.csv")
     assert force.press_N.tolist() == [2, 3, 4]
+
+
+def test_extent_is_that_of_the_deformed_particles(chain: Chain) -> None:
+    with open_series(chain.flow, "flow") as file:
+        source = flow_source(file, -1)
+    assert np.allclose(source.upper - source.lower, [12 * 2**0.5, 8 * 2**0.5, 1.5])
 
 
 def test_ct_stands_beside_truth(whole: Path) -> None:
