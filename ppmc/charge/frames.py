@@ -13,7 +13,7 @@ from ppmc.orientation import in_plane_from_normal
 Array = NDArray[np.floating]
 
 # Codes of the field `orientation_source`.
-GIVEN, FROM_CT, RANDOM, REGIONAL, DRAPED, IMPORTED = 0, 1, 2, 3, 4, 5
+DEFAULT, FROM_CT, RANDOM, REGIONAL, DRAPED, GIVEN = 0, 1, 2, 3, 4, 5
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.charge.directions import planar_random, uniform_frames
-from ppmc.charge.frames import FROM_CT, GIVEN, RANDOM, Frames
+from ppmc.charge.frames import DEFAULT, FROM_CT, RANDOM, Frames
 from ppmc.charge.nearest import NearestMap, VoxelSource, nearest_valid_voxels, read_frames, read_voxels_at
 from ppmc.errors import InputFileError, SceneError
 from ppmc.scene.charge import CtOrientation, NearestOrientation, UniformOrientation
@@ -113,7 +113,7 @@ def _fallback(section: CtOrientation, n: int, generator: np.random.Generator) ->
     """Return p, r and source code of the particles without data."""
     choice = section.fallback
     if isinstance(choice, UniformOrientation):
-        return *uniform_frames(n, choice.fibre_direction, choice.platelet_normal), GIVEN
+        return *uniform_frames(n, choice.fibre_direction, choice.platelet_normal), DEFAULT
     assert choice is not None and not isinstance(choice, NearestOrientation)
     r = np.tile(np.asarray(choice.normal, dtype=float), (n, 1))
     return planar_random(r, generator), r, RANDOM

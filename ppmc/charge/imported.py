@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.charge.exchange.points import OrientedPoints
-from ppmc.charge.frames import IMPORTED, Frames
+from ppmc.charge.frames import GIVEN, Frames
 from ppmc.errors import SceneError
 from ppmc.scene.charge import FileOrientation
 
@@ -41,7 +41,7 @@ def imported_frames(section: FileOrientation, points: OrientedPoints, positions:
             f"{section.file} within {section.search_radius:g} mm (the farthest is {distance.max():.4g} mm away); "
             "check charge.domain, or raise search_radius"
         )
-    frames = Frames.of(points.fibre_direction[nearest], points.platelet_normal[nearest], IMPORTED)
+    frames = Frames.of(points.fibre_direction[nearest], points.platelet_normal[nearest], GIVEN)
     frames.notes.update(points_in_file=len(points.positions), largest_distance_mm=float(distance.max()))
     if points.platelet_id is not None:
         frames = replace(frames, platelet_id=points.platelet_id[nearest])

@@ -9,7 +9,7 @@ import numpy as np
 
 from ppmc.files import read_particles
 
-SOURCES = {0: "given", 1: "CT", 2: "random", 3: "regional", 4: "draped", 5: "imported"}
+SOURCES = {0: "default", 1: "CT", 2: "random", 3: "regional", 4: "draped", 5: "given"}
 
 
 def lines(path: Path) -> list[str]:

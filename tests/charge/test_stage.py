@@ -76,7 +76,14 @@ def test_charge_larger_than_the_volume_is_refused_and_leaves_nothing(orientation
     assert not (tmp_path / "charge.vtkhdf").exists()
 
 
-@pytest.mark.parametrize("orientation", ["{source: uniform, fibre_direction: [1, 1, 0]}", "{source: planar_random}"])
+@pytest.mark.parametrize(
+    "orientation",
+    [
+        "{source: uniform, fibre_direction: [1, 1, 0]}",
+        "{source: planar_random}",
+        "{source: platelets, length: {mean: 3, deviation: 1}, width: 2}",
+    ],
+)
 def test_charges_that_need_no_file(orientation, tmp_path):
     one = run(scene(orientation), output=tmp_path / "one.vtkhdf")
     two = run(scene(orientation), output=tmp_path / "two.vtkhdf")
