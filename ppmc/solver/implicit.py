@@ -31,8 +31,8 @@ from ppmc.solver.transport import convect_deformation, convect_directions, jeffe
 
 SKIN = 0.1  # of the support radius
 RELEASE = 1e-3  # pull, in mean pressing reactions, that releases a contact
-# Share of the newest velocity gradient in the one that predicts half-widths. With all of it, a layer count of four in a
-# closing gap makes the rate alternate from step to step for ever, and three make it grow; with a fifth, three are damped.
+# Share of the newest velocity gradient in the one that predicts half-widths. With all of it, four layers in a
+# closing gap make the rate alternate from step to step for ever, and three make it grow; with a fifth, three damp it.
 RATE_MEMORY = 0.2
 STIFF = 100.0  # anisotropy ratio from which the coarse level is there from the first solve
 TOUCH = 1e-6  # gap, in spacings, at which a face counts as touched

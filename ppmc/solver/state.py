@@ -18,7 +18,9 @@ class ParticleState:
     velocity : ndarray, shape (n, 3)
         Velocity of the last step, mm/s.
     velocity_gradient : ndarray, shape (n, 3, 3)
-        Velocity gradient of the last step, 1/s; predicts half-widths at the end of the next.
+        Velocity gradient of the last step, 1/s.
+    smooth_gradient : ndarray, shape (n, 3, 3)
+        Running mean of the velocity gradient, 1/s; predicts half-widths at the end of the next step.
     deformation_gradient : ndarray, shape (n, 3, 3)
         F since the start.
     volume_ratio : ndarray, shape (n,)
@@ -47,6 +49,7 @@ class ParticleState:
     position: np.ndarray
     velocity: np.ndarray
     velocity_gradient: np.ndarray
+    smooth_gradient: np.ndarray
     deformation_gradient: np.ndarray
     volume_ratio: np.ndarray
     fibre_direction: np.ndarray
@@ -73,6 +76,7 @@ class ParticleState:
             position=np.array(position, dtype=np.float64),
             velocity=np.zeros((n, 3)),
             velocity_gradient=np.zeros((n, 3, 3)),
+            smooth_gradient=np.zeros((n, 3, 3)),
             deformation_gradient=identity.copy(),
             volume_ratio=np.ones(n),
             fibre_direction=np.array(fibre_direction, dtype=np.float64),

@@ -72,7 +72,7 @@ class Walls:
         tool, phi, normal = tool[:, :FACES].astype(np.int32), phi[:, :FACES], np.ascontiguousarray(normal[:, :FACES])
         near = np.maximum(tool, 0)
         gap, width = np.full(phi.shape, np.inf), np.zeros(phi.shape)
-        predicted = state.deformation_gradient + time_step * state.velocity_gradient @ state.deformation_gradient
+        predicted = state.deformation_gradient + time_step * state.smooth_gradient @ state.deformation_gradient
         rows = np.arange(len(state))
         for k in range(FACES):
             on = tool[:, k] >= 0
