@@ -66,6 +66,15 @@ def colours_of_ids(ids: NDArray[np.int64]) -> Array:
     return np.asarray(rgb)
 
 
+def groups_of(charge: ParticleFile) -> tuple[str, NDArray[np.int64] | None]:
+    """Return what particles belong to, for colours, and its name: platelets, else regions, else nothing."""
+    for name, field in (("platelets", "platelet_id"), ("regions", "region_id")):
+        ids = charge.fields.get(field)
+        if ids is not None and np.any(ids >= 0):
+            return name, np.asarray(ids, dtype=np.int64)
+    return "", None
+
+
 def draw_top_view(charge: ParticleFile, path: Path, view: View) -> None:
     """Draw the uppermost particles, by platelet and by p1 squared, p2 squared (the third along the sight left out)."""
     from matplotlib.cm import ScalarMappable
@@ -75,12 +84,13 @@ def draw_top_view(charge: ParticleFile, path: Path, view: View) -> None:
     seen = uppermost(charge, view)
     x, y = charge.positions[seen][:, [view.right, view.up]].T
     p = charge.fields["fibre_direction"][seen]
-    has_ids = bool(np.any(charge.fields["platelet_id"] >= 0))
-    figure = Figure(figsize=(9.0, 3.2 * (2 + has_ids)), layout="constrained")
-    axes: Any = figure.subplots(2 + has_ids, 1, squeeze=False)[:, 0]
+    name, groups = groups_of(charge)
+    rows = 2 if groups is None else 3
+    figure = Figure(figsize=(9.0, 3.2 * rows), layout="constrained")
+    axes: Any = figure.subplots(rows, 1)
     pictures = []
-    if has_ids:
-        pictures.append(("platelets", colours_of_ids(charge.fields["platelet_id"][seen])))
+    if groups is not None:
+        pictures.append((name, colours_of_ids(groups[seen])))
     scale = ScalarMappable(Normalize(0.0, 1.0), "viridis")
     for axis in (view.right, view.up):
         pictures.append((f"$p_{axis + 1}^2$", scale.to_rgba(p[:, axis] ** 2)))
@@ -119,17 +129,14 @@ def draw_cut(charge: ParticleFile, path: Path, view: View, clearance: Clearance 
     axes: Any = figure.subplots(2, 1)
     low, high = charge.positions.min(axis=0), charge.positions.max(axis=0)
     spacing = max(float(s) for s in charge.extra.get("spacing", [1.0]))
-    has_ids = bool(np.any(charge.fields["platelet_id"] >= 0))
+    _, groups = groups_of(charge)
     for ax, along in zip(axes, (view.right, view.up), strict=True):
         across = view.up if along == view.right else view.right
         middle = 0.5 * (low[across] + high[across])
         near = np.abs(charge.positions[:, across] - middle) <= 0.75 * spacing
         x, y = charge.positions[near][:, [along, view.depth]].T
-        colours = (
-            colours_of_ids(charge.fields["platelet_id"][near])
-            if has_ids
-            else 0.15 + 0.8 * charge.fields["fibre_direction"][near] ** 2
-        )
+        p = charge.fields["fibre_direction"][near]
+        colours = 0.15 + 0.8 * p**2 if groups is None else colours_of_ids(groups[near])
         _squares(ax, x, y, spacing, float(charge.extra.get("spacing", [1.0] * 3)[2]), colours)
         if clearance is not None:
             _tool_lines(ax, clearance, along, view.depth, across, middle, low, high)
@@ -168,11 +175,12 @@ def draw_in_tool(charge: ParticleFile, path: Path, view: View, clearance: Cleara
 
     VTK runs in a process of its own: without a working OpenGL it ends in a segmentation fault.
     """
+    _, groups = groups_of(charge)
     with tempfile.TemporaryDirectory(prefix="ppmc-charge-") as folder:
         job = Path(folder) / "job.npz"
         arrays: dict[str, Any] = {
             "points": charge.positions,
-            "ids": colours_of_ids(charge.fields["platelet_id"]),
+            "groups": colours_of_ids(groups if groups is not None else np.full(len(charge.positions), -1)),
             "squares": charge.fields["fibre_direction"] ** 2,
             "spacing": np.asarray(charge.extra.get("spacing", [1.0] * 3), dtype=float),
             "depth": view.depth,

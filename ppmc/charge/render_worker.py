@@ -19,7 +19,7 @@ def draw(job: Path, picture: Path) -> None:
     data = np.load(job)
     spacing = data["spacing"]
     cloud = pv.PolyData(data["points"])
-    cloud["ids"] = (255 * data["ids"]).astype(np.uint8)
+    cloud["groups"] = (255 * data["groups"]).astype(np.uint8)
     cloud["square"] = data["squares"][:, int(data["right"])]
     cubes = cloud.glyph(
         geom=pv.Cube(x_length=spacing[0], y_length=spacing[1], z_length=spacing[2]), scale=False, orient=False
@@ -32,19 +32,19 @@ def draw(job: Path, picture: Path) -> None:
     up[depth] = toward
     centre = 0.5 * (data["points"].min(axis=0) + data["points"].max(axis=0))
     tools = _tools(data, pv, centre, side) if "grid" in data else None
-    for row, name in enumerate(("ids", "square")):
+    for row, name in enumerate(("groups", "square")):
         plotter.subplot(row, 0)
         plotter.set_background("white")
-        if name == "ids":
-            plotter.add_mesh(cubes, scalars="ids", rgb=True)
+        if name == "groups":
+            plotter.add_mesh(cubes, scalars="groups", rgb=True)
         else:
-            bar = {"title": f"p{right + 1}^2", "color": "black"}
+            bar = {"title": f"p{right + 1}^2", "color": "black", "height": 0.06, "position_y": 0.02}
             plotter.add_mesh(cubes, scalars="square", cmap="viridis", clim=[0, 1], scalar_bar_args=bar)
         if tools is not None and tools.n_points:
             plotter.add_mesh(tools, color="lightsteelblue", opacity=0.35)
         plotter.camera_position = [tuple(centre + 300.0 * eye), tuple(centre), tuple(up)]
         plotter.reset_camera(bounds=cubes.bounds)
-        plotter.camera.zoom(1.1)
+        plotter.camera.zoom(1.05)
     plotter.screenshot(str(picture))
     plotter.close()
 
