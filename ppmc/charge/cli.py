@@ -14,6 +14,7 @@ def charge(
     *,
     input: Path | None = None,
     output: Path | None = None,
+    volume: Path | None = None,
     export: list[Path] | None = None,
     pictures: Path | None = None,
 ) -> None:
@@ -31,6 +32,8 @@ def charge(
         Orientations file, for `orientation: {source: ct}`; default runs/<name>/orientations.vtkhdf.
     output : Path, optional
         Charge file to write; default runs/<name>/charge.vtkhdf.
+    volume : Path, optional
+        Volume file of a phantom, from which particles take the numbers of their platelets.
     export : list of Path, optional
         Further file for other programs: .csv, .npz, .vtu or Abaqus .inp; may be given several times.
     pictures : Path, optional
@@ -55,7 +58,7 @@ def charge(
     section = loaded.require("charge")
     if input is None and section.orientation.source == "ct":
         input = paths.orientations
-    written = run(loaded, input=input, output=output or paths.charge)
+    written = run(loaded, input=input, output=output or paths.charge, volume=volume)
     print("\n".join(lines(written)))
     for path in export or []:
         print(f"  exported {export_charge(written, path)}")

@@ -86,7 +86,8 @@ def draw_top_view(charge: ParticleFile, path: Path, view: View) -> None:
     p = charge.fields["fibre_direction"][seen]
     name, groups = groups_of(charge)
     rows = 2 if groups is None else 3
-    figure = Figure(figsize=(9.0, 3.2 * rows), layout="constrained")
+    wide = float(np.clip(3.0 * np.ptp(x) / max(float(np.ptp(y)), 1e-9), 3.0, 8.0))
+    figure = Figure(figsize=(wide + 2.0, 3.2 * rows), layout="constrained")
     axes: Any = figure.subplots(rows, 1)
     pictures = []
     if groups is not None:

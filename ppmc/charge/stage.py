@@ -38,7 +38,7 @@ from ppmc.scene.charge import (
 STAGE_NUMBER = 3
 
 
-def run(scene: Scene, *, input: Path | None = None, output: Path) -> Path:
+def run(scene: Scene, *, input: Path | None = None, output: Path, volume: Path | None = None) -> Path:
     """Fill the charge's domain with particles and write them.
 
     Parameters
@@ -49,6 +49,8 @@ def run(scene: Scene, *, input: Path | None = None, output: Path) -> Path:
         Orientations file; needed if, and read only if, ``charge.orientation.source`` is ``ct``.
     output : Path
         Charge file to write.
+    volume : Path, optional
+        Volume file with true platelet ids (a phantom's), instead of the scene's ``charge.orientation.platelet_ids``.
 
     Returns
     -------
@@ -66,7 +68,7 @@ def run(scene: Scene, *, input: Path | None = None, output: Path) -> Path:
         If the output cannot be written.
     """
     section: ChargeSection = scene.require("charge")
-    inputs = _inputs(scene, section, input)
+    inputs = _inputs(scene, section, input, volume)
     check_output(output, inputs)
     generator = np.random.default_rng([scene.seed, STAGE_NUMBER])
     if isinstance(section.domain, DrapedDomain):
@@ -199,7 +201,7 @@ def summary(lattice: Lattice, frames: Frames) -> dict[str, Any]:
     }
 
 
-def _inputs(scene: Scene, section: ChargeSection, orientations: Path | None) -> list[Path]:
+def _inputs(scene: Scene, section: ChargeSection, orientations: Path | None, volume: Path | None) -> list[Path]:
     """Return the files that orientations come from: orientations first, then true platelet ids."""
     choice = section.orientation
     if isinstance(choice, FileOrientation):
@@ -212,7 +214,9 @@ def _inputs(scene: Scene, section: ChargeSection, orientations: Path | None) -> 
         )
     if not Path(orientations).is_file():
         raise InputFileError(f"{orientations}: no such orientations file; make it with `ppmc ct`")
-    return [Path(orientations)] + ([scene.locate(choice.platelet_ids)] if choice.platelet_ids else [])
+    if volume is None and choice.platelet_ids is not None:
+        volume = scene.locate(choice.platelet_ids)
+    return [Path(orientations)] + ([Path(volume)] if volume is not None else [])
 
 
 def _frames(

@@ -137,6 +137,13 @@ def test_true_platelet_ids_come_from_the_phantoms_volume(orientations, tmp_path)
     path = run(scene(f"{{source: ct, platelet_ids: {truth}}}"), input=orientations, output=tmp_path / "charge.vtkhdf")
     charge = read_particles(path, "charge")
     assert np.array_equal(charge.fields["platelet_id"], (charge.positions[:, 0] // 2).astype(int))
+    again = run(scene(), input=orientations, output=tmp_path / "again.vtkhdf", volume=truth)
+    assert np.array_equal(read_particles(again, "charge").fields["platelet_id"], charge.fields["platelet_id"])
+    with pytest.raises(InputFileError, match="no dataset 'platelet_id'"):
+        bare = tmp_path / "bare.vtkhdf"
+        fields = {"grey": np.zeros(grid.shape, np.uint8)}
+        write_voxels(bare, "volume", fields, grid=grid, provenance=Provenance.collect("test"))
+        run(scene(), input=orientations, output=tmp_path / "again.vtkhdf", volume=bare)
 
 
 def test_stage_and_section_import_no_heavy_package():
