@@ -20,6 +20,7 @@ from ppmc.analysis.scene_html import scene_page
 from ppmc.analysis.structural import MappedMesh
 from ppmc.analysis.tables import (
     comparison_table,
+    difference_table,
     ensemble_table,
     fourth_table,
     kinematics_table,
@@ -129,6 +130,8 @@ def result_tables(results: Results) -> dict[str, pd.DataFrame]:
             tables[f"seeds_path_{path.name}"] = table
     if results.comparisons:
         tables["comparisons"] = comparison_table(results.comparisons)
+    if results.others and results.frames:
+        tables["differences"] = difference_table(results.frames[-1], results.others)
     if results.flow_maps is not None and len(results.flow_maps.knit):
         tables["knit_line"] = knit_table(results.flow_maps.samples.positions, results.flow_maps.knit)
     return tables
@@ -183,29 +186,32 @@ def _write_series(results: Results, own: Provenance, output: Path) -> None:
     )  # fmt: skip
     partial = output.with_name(f"{output.stem}.partial{output.suffix}")
     static = {"region_id": np.arange(len(regions), dtype=np.int32)}
-    writer = SeriesWriter.create(partial, len(regions), static, fields, (), provenance=own, product="analysis")
-    bounded = np.array([np.isfinite(r.lower).any() or np.isfinite(r.upper).any() for r in regions])
-    centres = np.array([r.centre for r in regions])
-    for entry in results.frames:
-        averages = (entry.regions, *(entry.paths[k] for k in kept))
-        centroid = np.concatenate([a.centroid for a in averages])
-        fibre = np.concatenate([a.fibre_tensor for a in averages])
-        normal = np.concatenate([a.normal_tensor for a in averages])
-        inside = ~bounded & np.isfinite(centroid).all(axis=1)
-        writer.append(
-            entry.source.time or 0.0,
-            np.where(inside[:, None], centroid, centres),
-            {
-                "fibre_tensor": to_six(fibre),
-                "normal_tensor": to_six(normal),
-                "principal_fibre_direction": principal_directions(fibre),
-                "principal_normal_direction": principal_directions(normal),
-                "particle_count": np.concatenate([a.particle_count for a in averages]),
-                "region_volume": np.concatenate([a.material_volume for a in averages]),
-            },
-        )
-    names = [region.name for region in regions]
-    writer.seal(output, extra={"region_names": names, "region_descriptions": [r.describe() for r in regions]})
+    try:
+        writer = SeriesWriter.create(partial, len(regions), static, fields, (), provenance=own, product="analysis")
+        bounded = np.array([np.isfinite(r.lower).any() or np.isfinite(r.upper).any() for r in regions])
+        centres = np.array([r.centre for r in regions])
+        for entry in results.frames:
+            averages = (entry.regions, *(entry.paths[k] for k in kept))
+            centroid = np.concatenate([a.centroid for a in averages])
+            fibre = np.concatenate([a.fibre_tensor for a in averages])
+            normal = np.concatenate([a.normal_tensor for a in averages])
+            inside = ~bounded & np.isfinite(centroid).all(axis=1)
+            writer.append(
+                entry.source.time or 0.0,
+                np.where(inside[:, None], centroid, centres),
+                {
+                    "fibre_tensor": to_six(fibre),
+                    "normal_tensor": to_six(normal),
+                    "principal_fibre_direction": principal_directions(fibre),
+                    "principal_normal_direction": principal_directions(normal),
+                    "particle_count": np.concatenate([a.particle_count for a in averages]),
+                    "region_volume": np.concatenate([a.material_volume for a in averages]),
+                },
+            )
+        names = [region.name for region in regions]
+        writer.seal(output, extra={"region_names": names, "region_descriptions": [r.describe() for r in regions]})
+    finally:
+        partial.unlink(missing_ok=True)  # gone already if it was sealed
 
 
 def principal_directions(tensor: np.ndarray) -> np.ndarray:

@@ -281,6 +281,16 @@ def _other_runs(page: Document, results: Results) -> None:
                 rows,
                 f"{symbol} [–]: mean and standard deviation between {e.runs} runs with different seeds, last state.",
             )
+    if results.others and results.frames:
+        for symbol, name in TENSORS:
+            rows = []
+            for other in results.others:
+                gaps = getattr(other.regions, name) - getattr(results.frames[-1].regions, name)
+                for region, gap in zip(results.regions, gaps, strict=True):
+                    cells = [("empty", "none") if np.isnan(v) else f"{v:+.4f}" for v in to_six(gap)]
+                    rows.append([other.source.title, region.name, *cells])
+            heads = ("source", "region", *(f"Δ{symbol}{i}" for i in SIX_INDICES))
+            page.table(heads, rows, f"{symbol} [–] of each source minus that of the input's last state, by region.")
     if results.comparisons:
         page.table(
             ("run", "overlap [–]", "mean distance [mm]", "99 % below [mm]", "mean angle of p [°]", "99 % below [°]"),

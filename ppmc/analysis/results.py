@@ -148,6 +148,11 @@ class Results:
         return [entry for entry in self.analysed if entry.source.product == self.main]
 
     @property
+    def others(self) -> list[Analysed]:
+        """Other runs and the measured part, which the input's last frame is compared with."""
+        return [entry for entry in self.analysed if entry.source.product in ("run", "moulded")]
+
+    @property
     def shown(self) -> list[Analysed]:
         """What path plots and views show: every source once, of the frames the first and the last."""
         frames = self.frames

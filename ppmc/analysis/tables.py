@@ -12,7 +12,7 @@ from ppmc.analysis.ensemble import Ensemble
 from ppmc.analysis.kinematics import Kinematics
 from ppmc.analysis.knit import KnitLine
 from ppmc.analysis.paths import InspectionPath
-from ppmc.analysis.results import Comparison
+from ppmc.analysis.results import Analysed, Comparison
 from ppmc.analysis.truth import TruthRow
 from ppmc.orientation import to_six
 
@@ -193,3 +193,21 @@ def knit_table(positions: np.ndarray, knit: KnitLine) -> pd.DataFrame:
         columns[f"across_{axis + 1}"] = knit.across[:, axis]
     columns |= {"foreign_share": knit.share[knit.index], "A_across": knit.crossing, "N_across": knit.normal_across}
     return pd.DataFrame(columns)
+
+
+def difference_table(reference: Analysed, others: Sequence[Analysed]) -> pd.DataFrame:
+    """Return one row a run and region: A and N of the other run minus those of the reference (``d_``)."""
+    import pandas as pd
+
+    frames = []
+    for other in others:
+        columns: dict[str, Any] = {
+            "source": other.source.label,
+            "region": [region.name for region in other.regions.regions],
+            "particle_count": other.regions.particle_count,
+        }
+        for symbol, name in (("A", "fibre_tensor"), ("N", "normal_tensor")):
+            difference = to_six(getattr(other.regions, name) - getattr(reference.regions, name))
+            columns |= {f"d_{symbol}{index}": difference[:, k] for k, index in enumerate(SIX_INDICES)}
+        frames.append(pd.DataFrame(columns))
+    return pd.concat(frames)

@@ -91,6 +91,8 @@ def test_equal_runs_do_not_differ(out: Path) -> None:
     assert table.overlap[1] == pytest.approx(shared / (2 * 12 * 8 * 3 - shared), abs=0.1)
     assert np.isnan(table.angle_mean_deg[1])
     assert table.overlap[0] == 1 and table.angle_mean_deg[0] == 0 and table.distance_p99_mm[0] == 0
+    gaps = pd.read_csv(out / "tables" / "differences.csv").set_index("source")
+    assert gaps.loc["second", "d_A11"] == 0 and 0.001 < abs(gaps.loc["CT of the part", "d_N33"]) < 0.05
     seeds = pd.read_csv(out / "tables" / "seeds_path_path.csv")
     assert (seeds.runs == 3).all() and seeds.sd_A11.dropna().max() < 1e-12
     assert "mean of 3 seeds" not in (out / "report.html").read_text()  # it stands in the figure, not in the text
