@@ -83,7 +83,7 @@ def slices(p: NDArray[Any], sure: NDArray[Any], valid: NDArray[Any], spacing: tu
             ax.set_xlabel(f"{AXES[a]} (mm)")
             ax.set_ylabel(f"{AXES[b]} (mm)")
             if column == 2:
-                label = "angle of p from x1 in the x1-x2 plane (degrees)" if row == 0 else "confidence of p"
+                label = "angle of p from x1 (degrees)" if row == 0 else "confidence of p"
                 figure.colorbar(image, ax=axes[row, :], label=label, shrink=0.9)
     return figure
 
@@ -128,9 +128,9 @@ def poles(p: NDArray[Any], r: NDArray[Any]) -> Figure:
         image = ax.imshow(np.sqrt(density), origin="lower", extent=(-1, 1, -1, 1), cmap="cividis")
         bar = figure.colorbar(image, ax=ax, shrink=0.8, label="density (random = 1)")
         ticks = np.linspace(0.0, float(np.nanmax(np.sqrt(density))), 5)
-        bar.set_ticks(ticks.tolist(), labels=[f"{t * t:.2g}" for t in ticks])
+        bar.set_ticks(ticks.tolist(), labels=[f"{t * t:.0f}" if t > 3 else f"{t * t:.2g}" for t in ticks])
         ax.add_artist(_circle())
-        ax.set_title(title)
+        ax.set_title(title, pad=16)
         ax.text(1.03, 0, "x1", va="center")
         ax.text(0, 1.03, "x2", ha="center")
         ax.set_axis_off()
@@ -183,5 +183,5 @@ def glyphs(p: NDArray[Any], valid: NDArray[Any], spacing: tuple[float, float, fl
     ax.set(xlim=(0, size[0]), ylim=(0, size[1]), zlim=(0, size[2]))
     ax.set(xlabel="x1 (mm)", ylabel="x2 (mm)", zlabel="x3 (mm)")
     ax.set_box_aspect(size)
-    figure.colorbar(lines, ax=ax, shrink=0.6, label="tilt of p out of the x1-x2 plane (degrees)")
+    figure.colorbar(lines, ax=ax, shrink=0.6, label="tilt of p out of the x1-x2 plane (degrees)", pad=0.12)
     return figure
