@@ -25,6 +25,8 @@ from ppmc.scene.charge import DrapedDomain
 Array = NDArray[np.floating]
 # A bend may thin or thicken cells; below this ratio of areas a face would all but fold over.
 LEAST_AREA_RATIO = 0.1
+# Cosine between a face's normal and `down` above which no sheet stays on it.
+UNDERSIDE = 0.05
 # A mean width over the thickness that exceeds the middle's by more than this is taken back.
 WIDER = 0.002
 
@@ -105,6 +107,12 @@ def _thickened(
     length, width, thickness = domain.size
     n3, n2, n1 = sheet.shape
     middle, normals = (a.reshape(n1, n2, 3) for a in project(columns.reshape(-1, 3)))
+    under = np.mean(normals @ np.asarray(domain.down) > UNDERSIDE)
+    if under > 0:
+        raise SceneError(
+            f"charge.domain: {under:.1%} of the sheet would lie on the underside of tool '{domain.tool}'; take a "
+            "smaller sheet, move its centre, or turn `down`"
+        )
     du, dv = sheet.spacing[0], sheet.spacing[1]
     Xu, nu, Xv, nv = (
         _tangential(_slope(field, step, axis), normals)

@@ -108,6 +108,7 @@ def test_small_sheet_on_a_ball_stretches_as_it_must():
     ("keys", "message"),
     [
         ({"size": [10, 10, 2], "centre": [0, 40, 0]}, "misses tool"),
+        ({"size": [10, 80, 2]}, "of the sheet would lie on the underside of tool 'tool'"),
         ({"size": [10, 10, 2], "tool": "ram"}, r"no tool 'ram' in the scene's tooling \(it has tool\)"),
     ],
 )
