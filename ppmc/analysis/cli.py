@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from ppmc.command import command
 
@@ -18,13 +21,13 @@ def analyze(
     orientations: Path | None = None,
     charge: Path | None = None,
     moulded: Path | None = None,
-    compare: list[Path] | None = None,
-    seeds: list[Path] | None = None,
+    compare: Annotated[list[Path] | None, Parameter(negative="")] = None,
+    seeds: Annotated[list[Path] | None, Parameter(negative="")] = None,
 ) -> None:
     """Average A and N over regions and paths, draw figures, and write one self-contained report.
 
     Reads a flow, a charge or an orientations file. Beside the output appear report.html (pictures inside, needs no
-    network), tables/*.csv, figures/*.png and analysis.json. Lengths are in mm, times in s, forces in the report in N.
+    network), tables/, figures/ and analysis.json. Lengths are in mm, times in s, forces in the report in N.
 
     Parameters
     ----------
