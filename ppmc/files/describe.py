@@ -126,9 +126,9 @@ def _range(dataset: h5py.Dataset) -> str:
 def _tables(file: h5py.File) -> Iterator[str]:
     """Yield what else the file holds: numbers of each frame, of each step, and facts about the whole."""
     own = file["ppmc"]
-    if own.get("frames"):
+    if len(own.get("frames", ())):
         yield f"Numbers of each frame: {', '.join(own['frames'])}"
-    if own.get("history"):
+    if len(own.get("history", ())):
         rows = next(iter(own["history"].values())).shape[0]
         yield f"History of {rows} steps: {', '.join(own['history'])}"
     for key, value in read_json(own, "extra").items():

@@ -135,7 +135,8 @@ class ExplicitIntegrator(ImplicitIntegrator):
             physical = float(np.sum(state.volume * material_power(operator, rate)))
             report.zero_energy_share = max(0.0, 1.0 - physical / max(report.dissipation, 1e-300))
             report.contacts = int(contacts.active.any(axis=1).sum())
-        self._advance(velocities, contacts, dt)
+        self._remember(contacts)
+        self._advance(velocities, dt)
 
 
 def _largest_eigenvalue(apply, mass: np.ndarray, original: np.ndarray) -> float:  # type: ignore[no-untyped-def]

@@ -172,10 +172,7 @@ class ImplicitIntegrator:
         report = StepReport(time_step=dt)
         solution = self._active_set(operator, contacts, dt, report)
         self._account(operator, contacts, solution, dt, report)
-        # What touches now touches in the next solve, unless that finds otherwise; a solve that starts from no contact
-        # would first let the whole charge drift.
-        state.contact_tool = np.where(contacts.active, contacts.tool, -1).astype(np.int32)
-        state.contact_normal = contacts.normal
+        self._remember(contacts)
         if update:
             self._advance(solution.velocities, dt)
         else:
@@ -259,6 +256,12 @@ class ImplicitIntegrator:
         pairs = self.weigh(state.position)
         inverse, _, _ = moment_inverses(pairs, state.position, state.volume)
         return velocity_gradient(pairs, state.position, state.volume, inverse, velocities)
+
+    def _remember(self, contacts: Contacts) -> None:
+        # What touches now touches in the next solve, unless that finds otherwise; a solve that starts from no contact
+        # would first let the whole charge drift.
+        self.state.contact_tool = np.where(contacts.active, contacts.tool, -1).astype(np.int32)
+        self.state.contact_normal = contacts.normal
 
     def _advance(self, velocities: np.ndarray, dt: float) -> None:
         state, settings = self.state, self.model.settings
