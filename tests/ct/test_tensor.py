@@ -51,6 +51,10 @@ def twin(grey, mask, chosen):
     return np.stack([c / out[6] for c in out[:6]], axis=2)
 
 
+def window(*arguments, **options):
+    return window_tensors(*arguments, **options).copy()
+
+
 def whole(shape):
     return tuple((0, n) for n in shape)
 
@@ -59,7 +63,7 @@ def whole(shape):
 def test_equals_plain_numpy(spacing):
     grey = np.random.default_rng(0).standard_normal((17, 19, 23)).astype(np.float32)
     chosen = settings(CtSection(fibre_window=(1.2, 0.7, 0.5), normal_window=1.3), spacing, grey.shape, None)
-    got = window_tensors(volume_of(grey), chosen, ONE, whole(grey.shape), chosen.window)
+    got = window(volume_of(grey), chosen, ONE, whole(grey.shape), chosen.window)
     want = twin(grey, None, chosen)
     assert np.max(np.abs(got - want)) < 3e-6 * np.abs(want).max()
 
@@ -69,8 +73,8 @@ def test_equals_plain_numpy_with_sums_of_cells():
     chosen = settings(CtSection(fibre_window=1.0, normal_window=3.0), (1.0, 1.0, 1.0), grey.shape, None)
     box = ((1, 14), (2, 15), (0, 21))
     flat = tuple(np.array([0.5, 1.0, 0.5], np.float32) for _ in range(3))
-    sums = window_tensors(volume_of(grey), chosen, ONE, box, flat, stride=(2, 3, 4), averaged=False)
-    means = window_tensors(volume_of(grey), chosen, ONE, box, flat, stride=(2, 3, 4))
+    sums = window(volume_of(grey), chosen, ONE, box, flat, stride=(2, 3, 4), averaged=False)
+    means = window(volume_of(grey), chosen, ONE, box, flat, stride=(2, 3, 4))
     assert sums.shape == (7, 5, 7, 6)
     inside = np.s_[2:-2, 1:-1, :6, 1:-1]
     assert np.allclose((sums[:, :, :6] / sums[:, :, 6:])[inside], means[inside], rtol=2e-5, atol=1e-6)
@@ -79,9 +83,9 @@ def test_equals_plain_numpy_with_sums_of_cells():
 def test_stride_picks_the_same_voxels():
     grey = np.random.default_rng(0).standard_normal((17, 18, 19)).astype(np.float32)
     chosen = settings(CtSection(fibre_window=1.5, normal_window=3.0), (1.0, 1.0, 1.0), grey.shape, None)
-    full = window_tensors(volume_of(grey), chosen, ONE, whole(grey.shape), chosen.window)
+    full = window(volume_of(grey), chosen, ONE, whole(grey.shape), chosen.window)
     for k in (2, 3, 4):
-        some = window_tensors(volume_of(grey), chosen, ONE, whole(grey.shape), chosen.window, stride=(k, k, k))
+        some = window(volume_of(grey), chosen, ONE, whole(grey.shape), chosen.window, stride=(k, k, k))
         assert np.allclose(some, full[::k, ::k, :, ::k], rtol=1e-5, atol=1e-6)
 
 
@@ -91,9 +95,9 @@ def test_gradients_outside_the_mask_have_no_say():
     mask = np.zeros(grey.shape, np.uint8)
     mask[4:16, 3:17, 5:20] = 1
     chosen = settings(CtSection(fibre_window=1.5, normal_window=3.0), (1.0, 1.0, 1.0), grey.shape, None)
-    first = window_tensors(volume_of(grey, mask), chosen, ONE, whole(grey.shape), chosen.window)
+    first = window(volume_of(grey, mask), chosen, ONE, whole(grey.shape), chosen.window)
     other = np.where(mask > 0, grey, 1e3 * rng.standard_normal(grey.shape)).astype(np.float32)
-    second = window_tensors(volume_of(other, mask), chosen, ONE, whole(grey.shape), chosen.window)
+    second = window(volume_of(other, mask), chosen, ONE, whole(grey.shape), chosen.window)
     assert np.array_equal(first, second)
 
 
@@ -101,8 +105,8 @@ def test_mask_of_everything_is_no_mask():
     grey = np.random.default_rng(0).standard_normal((20, 21, 22)).astype(np.float32)
     chosen = settings(CtSection(fibre_window=1.5, normal_window=3.0), (1.0, 1.0, 1.0), grey.shape, None)
     mask = np.ones(grey.shape, np.uint8)
-    masked = window_tensors(volume_of(grey, mask), chosen, ONE, whole(grey.shape), chosen.window)
-    plain = window_tensors(volume_of(grey), chosen, ONE, whole(grey.shape), chosen.window)
+    masked = window(volume_of(grey, mask), chosen, ONE, whole(grey.shape), chosen.window)
+    plain = window(volume_of(grey), chosen, ONE, whole(grey.shape), chosen.window)
     inside = np.s_[6:-6, 6:-6, :6, 6:-6]
     assert np.allclose(masked[inside], plain[inside], rtol=1e-4, atol=1e-6)
 
