@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ppmc.scene.analysis import AnalysisSection
 
 FILL_FRAMES = 200
+LEAST_KNOWN_SHARE = 0.9999
 MOULDED = "CT of the part"
 
 
@@ -67,6 +68,12 @@ def gather(scene: Scene, section: AnalysisSection, opened: Opened) -> Results:
     paths = tuple(build_path(name, p, known) for name, p in section.every_path.items()) if known else ()
     results = Results(regions, paths, [], opened.main, notes=notes)
     results.analysed = [analyse(source, results) for source in sources]
+    for e in results.shown:
+        share = float(e.regions.known_share[0])
+        if share < LEAST_KNOWN_SHARE:
+            notes.append(
+                f"{e.source.title}: {1 - share:.2%} of the volume has no known fibre direction and is left out."
+            )
     for k, region in enumerate(regions):
         empty = [e.source.title for e in results.shown if e.source.count and not e.regions.particle_count[k]]
         if empty:

@@ -125,14 +125,15 @@ def _cell(value: Any) -> str:
 
 
 def number(value: float) -> str:
-    """Return a number as a table shows it: three decimals near one, powers of ten far from it."""
+    """Return a number as a table shows it: four decimals below ten, fewer above, powers of ten far from one."""
     if math.isinf(value):
         return "∞" if value > 0 else "-∞"
-    if value == 0 or 1e-3 <= abs(value) < 1e4:
-        digits = 4 if abs(value) < 10 else 2 if abs(value) < 1000 else 1
-        return f"{value:.{digits}f}"
-    return (
-        f"{value:.3e}"
-        if abs(value) >= 5e-5 and abs(value) >= 1e4
-        else (f"{value:.4f}" if abs(value) >= 5e-5 else f"{value:.1e}")
-    )
+    size = abs(value)
+    if size >= 1e6:
+        return f"{value:.3e}"
+    if size >= 1e3:
+        return f"{value:,.1f}".replace(",", "\u202f")
+    if size >= 10:
+        return f"{value:.2f}"
+    # Below the last decimal shown, a power of ten still tells round-off from zero.
+    return f"{value:.4f}" if size >= 5e-5 or size == 0 else f"{value:.1e}"
