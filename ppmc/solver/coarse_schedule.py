@@ -10,7 +10,7 @@ from ppmc.solver.tiles import make_tiles
 WORTH = 60  # iterations of a solve without coarse level from which one pays
 OLDEST = 24  # solves after which it is made anew anyhow
 WORSE = 1.5  # growth of the iterations since it was made that makes it due
-PARTICLES = 24  # in a tile, at least
+PARTICLES = 50  # in a tile, at least; finer tiles cost more to factorise than they save in iterations
 
 
 class CoarseSchedule:
