@@ -32,6 +32,19 @@ class Squeeze:
         return np.einsum("nab,nb,ncb->nac", vectors, np.sqrt(values), vectors)
 
     @property
+    def compression(self) -> float:
+        """Ratio h0/h in the middle of the last step, to which its forces belong."""
+        tools = self.integrator.model.walls.tools
+        height = tools.tools[1].point[2]
+        return height / (height + tools.offsets(1.0 - 0.5 * self.reports[-1].time_step)[1, 2])
+
+    @property
+    def closing_rate(self) -> float:
+        """Closing strain rate in the middle of the last step, 1/s."""
+        tools = self.integrator.model.walls.tools
+        return -tools.velocities(0.5)[1, 2] * self.compression / tools.tools[1].point[2]
+
+    @property
     def press_force(self) -> float:
         """Force on the ram at the end, Pa mm^2."""
         return float(self.reports[-1].tool_force[1, 2])
@@ -67,7 +80,11 @@ def make_squeeze(
 
 def squeeze(**options: object) -> Squeeze:
     """Run :func:`make_squeeze` to the end."""
-    integrator = make_squeeze(**options)  # type: ignore[arg-type]
+    return run_to_end(make_squeeze(**options))  # type: ignore[arg-type]
+
+
+def run_to_end(integrator: ImplicitIntegrator) -> Squeeze:
+    """Advance an integrator from rest to one second."""
     settings = integrator.model.settings
     integrator.initialise(0.0, 1e-3)
     time, step, reports = 0.0, np.inf, []
