@@ -21,6 +21,7 @@ import numpy as np
 
 from ppmc.compile_cache import njit, prange
 from ppmc.errors import NumericalError
+from ppmc.solver.block_jacobi import multiply_blocks
 from ppmc.solver.neighbours import MAX_CELLS
 from ppmc.solver.skyline import SkylineFactor, factorise
 
@@ -86,8 +87,8 @@ class CoarseGrid:
         _gather_stiffness(self.nodes, matrices, first, offset, values)
         self.factor = factorise(first, offset, values, SHIFT)
 
-    def correct(self, residual: np.ndarray) -> np.ndarray:
-        """Interpolated grid solution for a residual, shape (n, 3)."""
+    def correct(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
+        """Interpolated grid solution for a residual (n, 3), projected onto the free directions (n, 3, 3)."""
         assert self.factor is not None
         shares = np.empty((len(self.nodes), 8, 3))
         _restrict(self.order, self.start, self.local, residual, shares)
@@ -96,7 +97,7 @@ class CoarseGrid:
         solution = self.factor.solve(load.ravel()).reshape(-1, 3)
         out = np.empty_like(residual)
         _interpolate(self.order, self.start, self.local, self.nodes, solution, out)
-        return out
+        return multiply_blocks(free, out)
 
 
 def make_grid(positions: np.ndarray, cell: float) -> CoarseGrid:

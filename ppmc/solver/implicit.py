@@ -16,6 +16,7 @@ import numpy as np
 from ppmc.errors import NumericalError
 from ppmc.solver import materials
 from ppmc.solver.block_jacobi import restricted_inverse
+from ppmc.solver.coarse_grid import CELL, CoarseGrid, make_grid
 from ppmc.solver.coarse_schedule import CoarseSchedule
 from ppmc.solver.conjugate_gradient import Solution, conjugate_gradient
 from ppmc.solver.contact import Contacts
@@ -165,6 +166,8 @@ class ImplicitIntegrator:
         state, model = self.state, self.model
         operator = self.operator(0.5 * dt if update else 0.0, time, dt)
         speed = np.linalg.norm(model.walls.offsets(time + dt) - model.walls.offsets(time), axis=1).max(initial=0.0)
+        pushed = model.walls.forced.velocities(dt)
+        speed = max(speed, dt * np.linalg.norm(pushed, axis=1).max(initial=0.0))
         reach = 1.3 * float(model.walls.spacing.max()) + 2.0 * float(speed)
         contacts = model.walls.contacts(state, time, dt, reach)
         contacts.active |= contacts.gap <= TOUCH * model.spacing
@@ -173,7 +176,9 @@ class ImplicitIntegrator:
         solution = self._active_set(operator, contacts, dt, report)
         self._account(operator, contacts, solution, dt, report)
         self._remember(contacts)
+        model.walls.forced.adjust(report.tool_force)
         if update:
+            model.walls.forced.advance(pushed, dt)
             self._advance(solution.velocities, dt)
         else:
             gradient = self._gradient_at_start(solution.velocities)
@@ -194,14 +199,13 @@ class ImplicitIntegrator:
             drag, drag_load = self._friction(contacts)
             free, held = contacts.constrain(dt)
             system = VelocitySystem(operator, mass, drag, free, restricted_inverse(blocks + drag, free))
-            system.coarse = self.coarse.level_for(system, state)
+            system.coarse = self._coarse_grid(system, blocks)
             solution = conjugate_gradient(
                 system.apply, system.project, system.precondition, load + drag_load,
                 system.project(velocities) + held, tolerance=model.settings.velocity_tolerance,
                 max_iterations=model.settings.max_iterations,
             )  # fmt: skip
             velocities = solution.velocities
-            self.coarse.note(solution.iterations)
             report.iterations += solution.iterations
             report.passes += 1
             report.estimated_error = solution.estimated_error
@@ -216,6 +220,18 @@ class ImplicitIntegrator:
                 break
             contacts.active = (contacts.active & ~released) | added
         return solution
+
+    def _coarse_grid(self, system: VelocitySystem, blocks: np.ndarray) -> CoarseGrid | None:
+        """Coarse level of the preconditioner; it costs about as much as two products, so every pass has its own."""
+        if self.model.settings.coarse_tiles == 0:
+            return None
+        operator, identity = system.operator, np.eye(3)
+        grid = make_grid(operator.positions, CELL * self.model.spacing)
+        # What a tool holds is as stiff for the grid as the particle itself: the grid then leaves it alone.
+        own = np.trace(blocks, axis1=1, axis2=2) / 3.0
+        point = own[:, None, None] * (identity - system.free) + system.mass[:, :, None] * identity + system.drag
+        grid.stiffen(operator.volumes, operator.shear, operator.bulk, operator.fibre, operator.directions, point)
+        return grid
 
     def _friction(self, contacts: Contacts) -> tuple[np.ndarray, np.ndarray]:
         """Drag of Navier walls: blocks (n, 3, 3), Pa s mm, and the load (n, 3) of their motion."""

@@ -11,7 +11,7 @@ from ppmc.solver.block_jacobi import multiply_blocks
 from ppmc.solver.operator import Operator
 
 if TYPE_CHECKING:
-    from ppmc.solver.coarse import SortedLevel
+    from ppmc.solver.coarse_grid import CoarseGrid
 
 
 @dataclass
@@ -29,7 +29,7 @@ class VelocitySystem:
         Projections onto the free directions.
     inverse : ndarray, shape (n, 3, 3)
         Block-Jacobi inverse on the free directions.
-    coarse : SortedLevel, optional
+    coarse : CoarseGrid, optional
         Coarse level of the preconditioner.
     """
 
@@ -38,7 +38,7 @@ class VelocitySystem:
     drag: np.ndarray
     free: np.ndarray
     inverse: np.ndarray
-    coarse: SortedLevel | None = None
+    coarse: CoarseGrid | None = None
 
     def apply(self, velocities: np.ndarray) -> np.ndarray:
         """Force that opposes the motion, shape (n, 3), Pa mm^2."""
