@@ -76,20 +76,42 @@ def _copy_row(row, first, step, out):
 
 
 @kernel()
-def _gather_row(tensors, z, y, x0, step, normal, inverse_h, move, out):
-    """Copy the tensors that lie ``move`` voxels along the normal; its largest component moves by whole voxels."""
-    nz, ny, nx = tensors.shape[0], tensors.shape[1], tensors.shape[3]
-    n = normal.shape[0] // 3
+def _aim_row(normal, inverse_h, ax, ay, az):
+    """Scale normals so that their largest component, counted in voxels, is one: a step moves by whole voxels."""
+    n = U(ax.shape[0])
+    hx, hy, hz = inverse_h[0], inverse_h[1], inverse_h[2]
     for i in range(n):
-        ax = normal[i] * inverse_h[0]
-        ay = normal[n + i] * inverse_h[1]
-        az = normal[2 * n + i] * inverse_h[2]
-        scale = move / max(abs(ax), max(abs(ay), abs(az)))
-        ix = U(min(max(x0 + i * step + int(np.rint(scale * ax)), 0), nx - 1))
-        iy = U(min(max(y + int(np.rint(scale * ay)), 0), ny - 1))
-        iz = U(min(max(z + int(np.rint(scale * az)), 0), nz - 1))
-        for c in range(6):
-            out[U(c * n + i)] = tensors[iz, iy, U(c), ix]
+        x = normal[i] * hx
+        y = normal[n + i] * hy
+        z = normal[U(2) * n + i] * hz
+        scale = ONE / max(abs(x), max(abs(y), abs(z)))
+        ax[i] = x * scale
+        ay[i] = y * scale
+        az[i] = z * scale
+
+
+@kernel()
+def _place_row(ax, ay, az, move, x0, step, y, z, nx, ny, nz, width, places):
+    """Write where in the flat tensors the voxels ``move`` steps along the aims stand; not beyond the border."""
+    fy, fz = np.float32(y), np.float32(z)
+    lx, ly, lz = np.float32(nx - 1), np.float32(ny - 1), np.float32(nz - 1)
+    for i in range(U(ax.shape[0])):
+        x = np.float32(np.int32(x0) + np.int32(i) * np.int32(step)) + np.rint(move * ax[i])
+        row = min(max(fy + np.rint(move * ay[i]), ZERO), ly)
+        plane = min(max(fz + np.rint(move * az[i]), ZERO), lz)
+        x = min(max(x, ZERO), lx)
+        places[i] = (np.int64(plane) * ny + np.int64(row)) * width + np.int64(x)
+
+
+@kernel()
+def _take_row(tensors, places, nx, out):
+    """Copy the six components of the tensors at ``places``, which are ``nx`` apart."""
+    n = U(places.shape[0])
+    for c in range(6):
+        o = U(c) * n
+        shift = U(c * nx)
+        for i in range(n):
+            out[o + i] = tensors[U(places[i]) + shift]
 
 
 @kernel()
@@ -224,15 +246,16 @@ def _store_row(frame, least_energy, least_confidence, fibre, normal, values, con
 
 @njit(nogil=True)
 def orient_block(
-    tensors, corner, step, inverse_h, side_steps, coarse, voxel, stride, start, cell, scale, least_energy,
+    tensors, flat, corner, step, inverse_h, side_steps, coarse, voxel, stride, start, cell, scale, least_energy,
     least_confidence, samples, fibre, normal, values, confidence, planarity, predicted, valid,
 ):  # fmt: skip
     """Turn the tensors of a block into orientations.
 
     Parameters
     ----------
-    tensors : (tz, ty, 6 or 7, tx) float32
-        Tensors of the small window, at every voxel if ``stride`` is above 1, else as the outputs, plus a border.
+    tensors, flat : (tz, ty, 6 or 7, tx) float32
+        Tensors of the small window, at every voxel if ``stride`` is above 1, else as the outputs, plus a border;
+        once as they are and once flat.
     corner, step : (3,) int64 (x, y, z), int
         Index in ``tensors`` of the first output voxel, and distance of output voxels there.
     inverse_h : (3,) float32
@@ -261,6 +284,11 @@ def orient_block(
     small = np.empty(9 * ox, np.float32)
     large = np.empty(9 * ox, np.float32)
     normal_row = large[6 * ox :]
+    ax = np.empty(ox, np.float32)
+    ay = np.empty(ox, np.float32)
+    az = np.empty(ox, np.float32)
+    places = np.empty(ox, np.int64)
+    nz, ny, channels, nx = tensors.shape
     frame = np.empty(12 * ox, np.float32)
     score = np.empty(ox, np.float32)
     best_score = np.empty(ox, np.float32)
@@ -282,10 +310,12 @@ def orient_block(
             if two_scales or side_steps > 0:
                 smallest_row(best, best_score)
             if side_steps > 0:
+                _aim_row(normal_row, inverse_h, ax, ay, az)
                 for away in range(1, side_steps + 1):
                     for side in (-1, 1):
                         move = np.float32(side * away)
-                        _gather_row(tensors, z, y, corner[0], step, normal_row, inverse_h, move, other)
+                        _place_row(ax, ay, az, move, corner[0], step, y, z, nx, ny, nz, channels * nx, places)
+                        _take_row(flat, places, nx, other)
                         smallest_row(other, score)
                         _keep_better(score, best_score, other, best)
             if two_scales:

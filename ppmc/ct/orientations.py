@@ -149,8 +149,9 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
     least_energy = LEAST_ENERGY / min(job.spacing) ** 2
     if job.noise is not None:
         least_energy = max(least_energy, ENERGY_OVER_NOISE * float(job.noise[:3].sum()))
+    inverse_h = (1.0 / np.array(job.spacing)).astype(np.float32)
     orient_block(
-        tensors, corner[::-1].copy(), k // step, (1.0 / np.array(job.spacing)).astype(np.float32), steps,
+        tensors, tensors.reshape(-1), corner[::-1].copy(), k // step, inverse_h, steps,
         NO_COARSE if coarse is None else coarse.tensors, np.array([a * k for a, _ in box[::-1]]), k, start, cell,
         np.float32(scale), np.float32(scale * least_energy), np.float32(job.least_confidence),
         independent_samples(job.chosen),

@@ -22,7 +22,7 @@ from ppmc.ct.segment import mask_reader, specimen_mask
 from ppmc.ct.settings import settings
 from ppmc.ct.source import Volume, open_volume
 from ppmc.ct.suggest import advise
-from ppmc.ct.tiles import MIB, tiling
+from ppmc.ct.tiles import MIB, Tiling, tiling
 from ppmc.errors import InputFileError, SceneError
 from ppmc.files import FIELDS, Provenance, VoxelGrid, VoxelWriter, check_output
 from ppmc.progress import Progress
@@ -121,11 +121,7 @@ def run(
     with opened(scene, path, mask_path) as volume:
         job = plan(scene, volume)
         grid = registered(VoxelGrid(volume.shape, job.spacing, volume.origin, volume.direction), section.registration)
-        threads = threads_of(section.threads)
-        tiles = tiling(
-            job.shape, job.chosen, stride=job.stride, budget=section.memory, threads=threads,
-            itemsize=volume.dtype.itemsize, masked=volume.read_mask is not None,
-        )  # fmt: skip
+        threads, tiles = _cut(job, section)
         provenance = Provenance.collect("ppmc.ct", scene, ("ct",), inputs=[path, mask_path])
         boxes = tiles.boxes()
         parts = Parts(output.with_name(f"{output.name}.parts"), provenance, tiles) if resume or part else None
@@ -151,6 +147,21 @@ def run(
                     keep(parts.read(box), box)
             parts.remove()
     return output
+
+
+def _cut(job: Job, section: CtSection) -> tuple[int, Tiling]:
+    """Return the number of threads and the tiles; where it is left to us, fewer threads rather than too much memory."""
+    threads = threads_of(section.threads)
+    while True:
+        try:
+            return threads, tiling(
+                job.shape, job.chosen, stride=job.stride, budget=section.memory, threads=threads,
+                itemsize=job.volume.dtype.itemsize, masked=job.volume.read_mask is not None,
+            )  # fmt: skip
+        except SceneError:
+            if section.threads > 0 or threads == 1:
+                raise
+            threads //= 2
 
 
 @contextmanager

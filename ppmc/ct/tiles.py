@@ -107,13 +107,15 @@ def tiling(
         count = 1
         for n, t in zip(shape, tile, strict=True):
             count *= -(-n // t)
-        if need > room or (count < 2 * threads and max(shape) > 64):
+        if need > room:
             continue
         work = 1.0
         for t, h in zip(tile, halo, strict=True):
             work *= 1.0 + 2.0 * h / (t * stride)
         # Tiles of moderate size are kinder to the caches; beyond that only repeated work counts.
         work *= 1.0 + need / (64.0 * room)
+        # The last tiles should not leave threads idle for long.
+        work *= max(1.0, 2.0 * threads / count) if max(shape) > 64 else 1.0
         if best is None or work < best[0]:
             best = (work, tile)
     if best is None:

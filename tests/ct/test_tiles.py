@@ -15,7 +15,7 @@ from ppmc.scene.ct import CtSection
 PHANTOM = {"cavity": (7, 7.2, 2.4), "voxel_size": 0.1, "platelet": {"length": 3, "width": 2, "thickness": 0.6}}
 
 
-@pytest.mark.parametrize("shape", [(1024, 1024, 1024), (60, 160, 240), (2000, 300, 50), (5, 5, 5)])
+@pytest.mark.parametrize("shape", [(1024, 1024, 1024), (60, 160, 240), (2000, 300, 50), (5, 5, 5), (3, 3, 70)])
 @pytest.mark.parametrize("stride", [1, 4])
 def test_tiles_cover_once_and_fit(shape, stride):
     chosen = settings(CtSection(), (0.1, 0.1, 0.1), (256, 256, 256), 0.6)
