@@ -64,8 +64,8 @@ class SolverSection(Section):
     """Estimated relative error of the velocity at which an implicit solve stops."""
     max_iterations: int = Field(default=4000, gt=0)
     """Iterations after which an implicit solve gives up and says so."""
-    coarse_tiles: int = Field(default=300, ge=0, le=2000)
-    """Most tiles of the coarse level that speeds up stiff solves; 0 switches it off."""
+    coarse_level: bool = True
+    """Speed up solves with a coarse grid in the preconditioner."""
     contact_passes: int = Field(default=3, ge=1, le=20)
     """Times a step may revise which particles touch which tool."""
 

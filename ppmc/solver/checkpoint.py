@@ -21,10 +21,8 @@ class Checkpoint:
     list_positions, list_shape : ndarray
         Positions and kernel shapes from which the neighbour list was last made.
     history : ndarray, shape (steps, columns)
-    forced : ndarray, shape (tools, 3)
-        Displacement of force-controlled tools, mm.
-    coarse : dict of ndarray
-        Coarse level of the preconditioner and its counters.
+    forced, forced_speed : ndarray, shapes (tools, 3) and (forced,)
+        Displacement, mm, and speed, mm/s, of the tools driven by a force.
     time, time_step : float
         Time reached and last step, s.
     frames : int
@@ -36,7 +34,7 @@ class Checkpoint:
     list_shape: np.ndarray
     history: np.ndarray
     forced: np.ndarray
-    coarse: dict[str, np.ndarray]
+    forced_speed: np.ndarray
     time: float
     time_step: float
     frames: int
@@ -55,8 +53,10 @@ def save_checkpoint(output: Path, checkpoint: Checkpoint, provenance: Provenance
     ages = [path.stat().st_mtime_ns if path.exists() else -1 for path in (first, second)]
     path = first if ages[0] <= ages[1] else second
     arrays = {f"state_{name}": values for name, values in checkpoint.state.arrays().items()}
-    arrays |= {name: getattr(checkpoint, name) for name in ("list_positions", "list_shape", "history", "forced")}
-    arrays |= {f"coarse_{name}": values for name, values in checkpoint.coarse.items()}
+    arrays |= {
+        name: getattr(checkpoint, name)
+        for name in ("list_positions", "list_shape", "history", "forced", "forced_speed")
+    }
     # Floats go as hexadecimal text: exact, where a decimal detour need not be.
     attributes: dict[str, Any] = {
         "time": float(checkpoint.time).hex(),
@@ -82,7 +82,7 @@ def load_checkpoint(output: Path, key: str) -> Checkpoint | None:
         state = ParticleState(**_with_prefix(arrays, "state_"))
         found = Checkpoint(
             state, arrays["list_positions"], arrays["list_shape"], arrays["history"], arrays["forced"],
-            _with_prefix(arrays, "coarse_"),
+            arrays["forced_speed"],
             float.fromhex(attributes["time"]), float.fromhex(attributes["time_step"]), attributes["frames"],
         )  # fmt: skip
         if best is None or found.time > best.time:

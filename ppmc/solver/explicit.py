@@ -72,11 +72,13 @@ class ExplicitIntegrator(ImplicitIntegrator):
                     self.refresh_neighbours()
                     reach = 1.5 * float(self.model.walls.spacing.max())
                     contacts = self.model.walls.contacts(self.state, time + elapsed, dt, reach)
+                self.model.walls.forced.advance(self.model.walls.forced.velocities(dt), dt)
                 self._substep(contacts, time + elapsed, dt, report, last=not ahead and k == steps - 1)
                 elapsed += dt
             report.iterations += steps
         report.time_step = time_step / report.iterations
         report.tool_force /= report.iterations
+        self.model.walls.forced.adjust(report.tool_force)
         return report
 
     def _explicit_operator(self, time: float) -> Operator:

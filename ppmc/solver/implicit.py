@@ -17,7 +17,6 @@ from ppmc.errors import NumericalError
 from ppmc.solver import materials
 from ppmc.solver.block_jacobi import restricted_inverse
 from ppmc.solver.coarse_grid import CELL, CoarseGrid, make_grid
-from ppmc.solver.coarse_schedule import CoarseSchedule
 from ppmc.solver.conjugate_gradient import Solution, conjugate_gradient
 from ppmc.solver.contact import Contacts
 from ppmc.solver.gradient import moment_inverses, velocity_gradient
@@ -35,7 +34,6 @@ RELEASE = 1e-3  # pull, in mean pressing reactions, that releases a contact
 # Share of the newest velocity gradient in the one that predicts half-widths. With all of it, four layers in a
 # closing gap make the rate alternate from step to step for ever, and three make it grow; with a fifth, three damp it.
 RATE_MEMORY = 0.2
-STIFF = 100.0  # anisotropy ratio from which the coarse level is there from the first solve
 TOUCH = 1e-6  # gap, in spacings, at which a face counts as touched
 
 
@@ -93,7 +91,6 @@ class ImplicitIntegrator:
         self.state = state
         self.neighbours: NeighbourList | None = None
         self.list_shape = np.empty((0, 6))
-        self.coarse = CoarseSchedule(model.settings.coarse_tiles, stiff=model.material.ratio > STIFF)
 
     def refresh_neighbours(self, force: bool = False) -> None:
         """Sort the particles and list neighbours anew if the list is stale."""
@@ -176,7 +173,7 @@ class ImplicitIntegrator:
         solution = self._active_set(operator, contacts, dt, report)
         self._account(operator, contacts, solution, dt, report)
         self._remember(contacts)
-        model.walls.forced.adjust(report.tool_force)
+        model.walls.forced.adjust(report.tool_force, started=update)
         if update:
             model.walls.forced.advance(pushed, dt)
             self._advance(solution.velocities, dt)
@@ -223,7 +220,7 @@ class ImplicitIntegrator:
 
     def _coarse_grid(self, system: VelocitySystem, blocks: np.ndarray) -> CoarseGrid | None:
         """Coarse level of the preconditioner; it costs about as much as two products, so every pass has its own."""
-        if self.model.settings.coarse_tiles == 0:
+        if not self.model.settings.coarse_level:
             return None
         operator, identity = system.operator, np.eye(3)
         grid = make_grid(operator.positions, CELL * self.model.spacing)

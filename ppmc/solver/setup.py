@@ -33,7 +33,7 @@ def prepare(scene: Scene, charge: ParticleFile) -> tuple[Model, ParticleState]:
     tools = compile_tools(scene.require("tooling"), scene.directory)
     settings, material = scene.require("solver"), scene.require("material")
     spacing = _spacing(charge)
-    walls = Walls(tools, spacing, np.zeros((len(tools), 3)))
+    walls = Walls(tools, spacing)
     _check_outside(charge.positions, tools, float(spacing.min()))
     state = ParticleState.at_rest(
         charge.positions, charge.fields["volume"], charge.fields["fibre_direction"],

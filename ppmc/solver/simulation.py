@@ -113,8 +113,8 @@ class Simulation:
         self.integrator = self._make_integrator()
         self.integrator.list_shape = saved.list_shape
         self.integrator.rebuild_list(saved.list_positions)
-        self.integrator.coarse.restore(saved.coarse)
-        self.model.walls.forced = saved.forced
+        self.model.walls.forced.displacement = saved.forced
+        self.model.walls.forced.speed = saved.forced_speed
         self.time, self.step_size = saved.time, saved.time_step
         self.report = StepReport()
         self.history = History(names, table, saved.history)
@@ -197,7 +197,8 @@ class Simulation:
             self.output,
             Checkpoint(
                 self.state, neighbours.positions, self.integrator.list_shape, self.history.table(),
-                self.model.walls.forced, self.integrator.coarse.save(), self.time, self.step_size, self.writer.frames,
+                self.model.walls.forced.displacement, self.model.walls.forced.speed,
+                self.time, self.step_size, self.writer.frames,
             ),
             self.provenance,
         )  # fmt: skip

@@ -1,6 +1,6 @@
 """The solver's view of the tools: faces near particles, half-widths, wall velocities over a step."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -8,6 +8,7 @@ from ppmc.geometry.contacts import find_contacts
 from ppmc.geometry.packed import NAVIER, NO_SLIP
 from ppmc.geometry.toolset import ToolSet
 from ppmc.solver.contact import FACES, Contacts, half_widths, starting_half_widths
+from ppmc.solver.forced_tools import ForcedTools
 from ppmc.solver.state import ParticleState
 
 SAME_FACE = 0.94  # cosine above which two normals of a tool are one face
@@ -22,17 +23,20 @@ class Walls:
     tools : ToolSet
     spacing : ndarray, shape (3,)
         Particle spacing along x1, x2, x3, mm.
-    forced : ndarray, shape (tools, 3)
-        Displacement of force-controlled tools so far, mm; zero for all others.
+    forced : ForcedTools
+        Speeds and displacements of the tools driven by a force.
     """
 
     tools: ToolSet
     spacing: np.ndarray
-    forced: np.ndarray
+    forced: ForcedTools = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.forced = ForcedTools(self.tools)
 
     def offsets(self, time: float) -> np.ndarray:
         """Displacement of every tool at a time, shape (tools, 3), mm."""
-        return self.tools.offsets(time) + self.forced
+        return self.tools.offsets(time) + self.forced.displacement
 
     def starting_half_widths(self, positions: np.ndarray) -> np.ndarray:
         """Reference half-widths, shape (n, tools), mm."""
@@ -50,7 +54,6 @@ class Walls:
         time: float,
         time_step: float,
         reach: float,
-        forced_velocity: np.ndarray | None = None,
     ) -> Contacts:
         """Faces within `reach` (mm) of each particle, with the gaps to be kept at the end of the step.
 
@@ -61,13 +64,10 @@ class Walls:
             Beginning and length of the step, s.
         reach : float
             Largest distance of a face that can matter in the step, mm.
-        forced_velocity : ndarray, shape (tools, 3), optional
-            Velocity of force-controlled tools over the step, mm/s.
         """
         before, after = self.offsets(time), self.offsets(time + time_step)
         wall = (after - before) / time_step
-        if forced_velocity is not None:
-            wall = wall + forced_velocity
+        wall = wall + self.forced.velocities(time_step)
         _, tool, phi, normal = find_contacts(self.tools.arrays, before, state.position, reach)
         tool, phi, normal = tool[:, :FACES].astype(np.int32), phi[:, :FACES], np.ascontiguousarray(normal[:, :FACES])
         near = np.maximum(tool, 0)

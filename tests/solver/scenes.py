@@ -66,7 +66,7 @@ def make_squeeze(
     for number, (point, normal) in enumerate(walls):
         planes[f"wall{number}"] = PlaneTool(shape="plane", point=point, normal=normal)
     tools = compile_tools(planes)
-    faces = Walls(tools, np.ones(3), np.zeros((len(tools), 3)))
+    faces = Walls(tools, np.ones(3))
     section = SolverSection(end_time=1.0, **settings)
     material = TransverselyIsotropic(shear_viscosity=1.0, anisotropy_ratio=ratio)
     if directions is None:
