@@ -188,17 +188,16 @@ def _write_series(results: Results, own: Provenance, output: Path) -> None:
     static = {"region_id": np.arange(len(regions), dtype=np.int32)}
     try:
         writer = SeriesWriter.create(partial, len(regions), static, fields, (), provenance=own, product="analysis")
-        bounded = np.array([np.isfinite(r.lower).any() or np.isfinite(r.upper).any() for r in regions])
-        centres = np.array([r.centre for r in regions])
         for entry in results.frames:
             averages = (entry.regions, *(entry.paths[k] for k in kept))
             centroid = np.concatenate([a.centroid for a in averages])
             fibre = np.concatenate([a.fibre_tensor for a in averages])
             normal = np.concatenate([a.normal_tensor for a in averages])
-            inside = ~bounded & np.isfinite(centroid).all(axis=1)
+            known = np.isfinite(centroid).all(axis=1, keepdims=True)
+            near = np.where(known, centroid, [r.origin for r in regions])
             writer.append(
                 entry.source.time or 0.0,
-                np.where(inside[:, None], centroid, centres),
+                np.array([r.centre_near(x) for r, x in zip(regions, near, strict=True)]),
                 {
                     "fibre_tensor": to_six(fibre),
                     "normal_tensor": to_six(normal),

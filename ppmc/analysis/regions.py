@@ -60,16 +60,22 @@ class Region:
     @property
     def centre(self) -> np.ndarray:
         """Middle of the region in tool coordinates; for unbounded directions the local origin."""
+        return self.centre_near(self.origin)
+
+    def centre_near(self, point: np.ndarray) -> np.ndarray:
+        """Return the middle of the region; in directions without bounds, the place of `point` (such as a centroid)."""
         low, high = self.lower, self.upper
+        if self.kind == "sphere":
+            return self.origin.copy()
         bounded = np.isfinite(low) & np.isfinite(high)
         middle = 0.5 * (np.where(bounded, low, 0.0) + np.where(bounded, high, 0.0))
-        if self.kind == "sphere":
-            middle = np.zeros(3)
-        elif self.kind == "cylinder":
+        if self.kind == "cylinder":
             full = high[1] - low[1] >= TURN - 1e-12
             radius = 0.0 if full else middle[0]
             middle = np.array([radius * np.cos(middle[1]), radius * np.sin(middle[1]), middle[2]])
-        return self.origin + self.axes.T @ middle
+        else:
+            middle = np.where(bounded, middle, self.axes @ (point - self.origin))
+        return np.asarray(self.origin + self.axes.T @ middle)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Axis-aligned box (tool coordinates) that encloses the region, from its support function."""

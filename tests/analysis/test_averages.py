@@ -162,3 +162,13 @@ def test_every_platelet_counts_once() -> None:
     assert region_averages(loose, [everything()]).effective_platelets[0] == pytest.approx(1e4 / (2700 + 10))
     unknown = Samples("s", s.positions, s.volume, p)
     assert np.isnan(region_averages(unknown, [everything()]).effective_platelets[0])
+
+
+def test_centre_of_a_slab_follows_the_material() -> None:
+    slab = box("slab", [-np.inf, 1.0, -np.inf], [np.inf, 3.0, np.inf])
+    assert slab.centre_near(np.array([7.0, 2.9, 4.0])).tolist() == [7.0, 2.0, 4.0]
+    assert slab.centre.tolist() == [0.0, 2.0, 0.0]
+    assert everything().centre_near(np.array([1.0, 2.0, 3.0])).tolist() == [1.0, 2.0, 3.0]
+    sector = cylinder("s", [0, 0, 5], [0, 0, 1], 2, 4, 2, 0, np.pi, reference=[1, 0, 0])
+    assert np.allclose(sector.centre, [0, 3, 5])
+    assert sphere("b", [1, 2, 3], 2).centre.tolist() == [1, 2, 3]
