@@ -1,6 +1,6 @@
 """Grey-value volumes of any common kind, read in blocks.
 
-Raw files, TIFF (one file of many pages or a folder of slices), HDF5 datasets and ppmc's own volume files all become a
+Raw files, TIFF (one file of many pages or a folder of slices), HDF5, Zarr and ppmc's own volume files all become a
 :class:`Volume`: shape, number type, voxel size if the file knows it, and a function that reads a box.
 """
 
@@ -105,7 +105,9 @@ def open_volume(path: Path, source: VolumeSource) -> Iterator[Volume]:
         raise InputFileError(f"{path}: no such file or folder; give the CT volume with --input or ct: source: path:")
     ending = path.suffix.lower()
     with ExitStack() as stack:
-        if path.is_dir() and ending != ".zarr":
+        if ending == ".zarr" or (path / ".zarray").exists() or (path / "zarr.json").exists():
+            volume = _zarr(path, source.dataset)
+        elif path.is_dir():
             volume = _folder(path)
         elif ending == ".vtkhdf":
             volume = stack.enter_context(_own(path))
@@ -118,7 +120,7 @@ def open_volume(path: Path, source: VolumeSource) -> Iterator[Volume]:
         else:
             raise InputFileError(
                 f"{path}: unknown kind of file '{ending}'; known are .vtkhdf, .h5, .hdf5, .tif, a folder of .tif, "
-                "and raw files with ct: source: shape: and dtype:"
+                ".zarr, and raw files with ct: source: shape: and dtype:"
             )
         if volume.dtype.kind not in "uif":
             raise InputFileError(f"{path}: holds {volume.dtype}; grey values must be integer or floating-point numbers")
@@ -167,6 +169,22 @@ def _hdf5(path: Path, name: str | None) -> Iterator[Volume]:
         if data.ndim != 3:
             raise InputFileError(f"{path}: {data.name} has shape {data.shape}; a volume has three dimensions (z, y, x)")
         yield Volume(path, data.shape, data.dtype, lambda box: np.asarray(data[box]))
+
+
+def _zarr(path: Path, name: str | None) -> Volume:
+    try:
+        import zarr
+    except ImportError:
+        raise InputFileError(f"{path}: reading Zarr needs the package zarr: pip install zarr") from None
+    try:
+        data = zarr.open(str(path), mode="r")
+        data = data[name] if name is not None else data
+        shape, dtype = tuple(data.shape), np.dtype(data.dtype)
+    except Exception as error:  # stores and codecs raise whatever they meet
+        raise InputFileError(f"{path}: cannot be read as a Zarr array ({error}); name it with dataset:") from None
+    if len(shape) != 3:
+        raise InputFileError(f"{path}: has shape {shape}; a volume has three dimensions (z, y, x)")
+    return Volume(path, shape, dtype, lambda box: np.asarray(data[box]))
 
 
 def _only_volume(file: Any, path: Path) -> str:

@@ -50,6 +50,12 @@ def hdf5(folder):
     return folder / "a.h5", VolumeSource()
 
 
+def zarr_array(folder):
+    zarr = pytest.importorskip("zarr")
+    zarr.save(str(folder / "a.zarr"), GREY)
+    return folder / "a.zarr", VolumeSource()
+
+
 def own(folder):
     path = folder / "a.vtkhdf"
     grid = VoxelGrid(GREY.shape, (0.1, 0.1, 0.2), (1.0, 2.0, 3.0))
@@ -57,7 +63,7 @@ def own(folder):
     return path, VolumeSource()
 
 
-@pytest.mark.parametrize("make", [raw, raw_big_endian, tiff_pages, tiff_compressed, tiff_slices, hdf5, own])
+@pytest.mark.parametrize("make", [raw, raw_big_endian, tiff_pages, tiff_compressed, tiff_slices, hdf5, zarr_array, own])
 def test_every_kind_gives_the_same_voxels(tmp_path, make):
     path, source = make(tmp_path)
     with open_volume(path, source) as volume:
@@ -66,7 +72,7 @@ def test_every_kind_gives_the_same_voxels(tmp_path, make):
         assert np.array_equal(volume.grey(BOX, 3.0, 2.0), ((GREY[BOX] - 3.0) / 2.0).astype(np.float32))
 
 
-@pytest.mark.parametrize("make", [raw, tiff_compressed, tiff_slices, hdf5, own])
+@pytest.mark.parametrize("make", [raw, tiff_compressed, tiff_slices, hdf5, zarr_array, own])
 def test_threads_may_read_at_once(tmp_path, make, monkeypatch):
     grey = np.random.default_rng(1).integers(0, 255, (40, 64, 64)).astype(np.uint8)
     monkeypatch.setitem(globals(), "GREY", grey)

@@ -1,5 +1,8 @@
 """Tiles cover the volume once, fit the budget, and may be kept, lost and shared out without changing a bit."""
 
+import subprocess
+import sys
+
 import h5py
 import numpy as np
 import pytest
@@ -98,3 +101,23 @@ def test_tiles_of_another_scene_are_not_used(case, tmp_path):
     other = Scene(name="t", seed=1, phantom=PHANTOM, ct={"memory": 296, "threads": 1, "sigma": 0.12})
     changed = content(run(other, input=volume, output=out, resume=True))
     assert not np.array_equal(changed["fibre_direction"], case[2]["fibre_direction"])
+
+
+@pytest.mark.slow  # compiles in a fresh process and works through 57 million voxels
+def test_peak_memory_stays_within_the_budget(tmp_path):
+    n, budget = 384, 420
+    grey = np.random.default_rng(0).integers(60, 200, (n, n, n), dtype=np.uint8)
+    grey.tofile(tmp_path / "a.raw")
+    script = f"""
+import resource
+from pathlib import Path
+from ppmc.ct.stage import run
+from ppmc.scene import Scene
+source = {{"shape": [{n}] * 3, "dtype": "uint8", "voxel_size": 0.1}}
+scene = Scene(name="m", ct={{"source": source, "platelet_thickness": 0.8, "memory": {budget}, "threads": 2}})
+run(scene, input=Path("a.raw"), output=Path("o.vtkhdf"))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True)
+    # pages of the memory-mapped input count too, though the system may take them back at any time
+    assert float(done.stdout) < budget + grey.nbytes / 2**20
