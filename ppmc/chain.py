@@ -67,13 +67,15 @@ def links(scene: Scene, paths: RunPaths) -> Iterator[Link]:
             lambda: _stage("ct").run(scene, input=volume, output=paths.orientations),
         )
     if scene.charge is not None:
-        source = (paths.orientations,) if scene.charge.orientation.source == "ct" else ()
+        from_ct = scene.charge.orientation.source == "ct"
+        voxels_in = paths.orientations if from_ct else None
+        numbers = paths.volume if from_ct and scene.phantom is not None else None
         yield Link(
             "charge",
             ("charge",),
-            source,
+            tuple(p for p in (voxels_in, numbers) if p is not None),
             paths.charge,
-            lambda: _stage("charge").run(scene, input=source[0] if source else None, output=paths.charge),
+            lambda: _stage("charge").run(scene, input=voxels_in, output=paths.charge, volume=numbers),
             seeded=True,
         )
     if scene.solver is not None:

@@ -20,6 +20,7 @@ from ppmc.charge.cli import charge
 from ppmc.command import command
 from ppmc.ct.cli import ct, phantom
 from ppmc.errors import PpmcError
+from ppmc.geometry.parts.cli import part
 from ppmc.solver.cli import solve
 
 USAGE_ERROR = 2
@@ -46,6 +47,7 @@ app.command(phantom)
 app.command(ct)
 app.command(charge)
 app.command(solve)
+app.command(part)
 app.command(analyze)
 
 
