@@ -87,9 +87,10 @@ def solve(grey: Array, section: CtSection, thickness: float | None) -> tuple[Arr
 def structure_tensor(grey: Array, thickness: float) -> tuple[Array, Array]:
     from structure_tensor import eig_special_3d, structure_tensor_3d
 
-    _, vectors = eig_special_3d(structure_tensor_3d(grey.astype(np.float32), 1.0, 2.0), full=True)
-    # vectors[i] are the components (x, y, z) of the i-th eigenvector, eigenvalues ascending
-    return np.moveaxis(vectors[0], 0, -1), np.moveaxis(vectors[2], 0, -1)
+    tensor = structure_tensor_3d(grey.astype(np.float32), 1.0, 2.0)
+    _, vectors = eig_special_3d(tensor, full=True, eigenvalue_order="desc")
+    # vectors[i] are the components (x, y, z) of the i-th eigenvector
+    return np.moveaxis(vectors[2], 0, -1), np.moveaxis(vectors[0], 0, -1)
 
 
 def scikit_image(grey: Array, thickness: float) -> tuple[Array, Array]:
