@@ -21,8 +21,8 @@ class Checkpoint:
     list_positions, list_shape : ndarray
         Positions and kernel shapes from which the neighbour list was last made.
     history : ndarray, shape (steps, columns)
-    forced, forced_speed : ndarray, shapes (tools, 3) and (forced,)
-        Displacement, mm, and speed, mm/s, of the tools driven by a force.
+    forced, forced_speed : ndarray, shapes (tools, 3) and (2, forced)
+        Displacement, mm, and speed, mm/s, with its trend, of the tools driven by a force.
     time, time_step : float
         Time reached and last step, s.
     frames : int

@@ -80,12 +80,13 @@ class Contacts:
         ----------
         forces : ndarray, shape (n, 3, 3)
             Force of each face on the particle, Pa mm^2.
-        velocities : ndarray, shape (n, 3)
-            Velocities of the particles, mm/s.
+        velocities : ndarray, shape (n, 3) or (n, 3, 3)
+            Velocities of the particles, mm/s, or one for each face.
         """
+        moving = velocities[:, None, :] if velocities.ndim == 2 else velocities
         forces = np.where(self.active[..., None], forces, 0.0)
         on_tools = float(np.sum(forces * self.wall_velocity))
-        on_particles = float(np.einsum("nkc,nc->", forces, velocities))
+        on_particles = float(np.sum(forces * moving))
         scale = float(np.sum(np.abs(forces * self.wall_velocity)))
         return on_particles / on_tools if on_tools > 1e-6 * scale else 1.0
 

@@ -125,7 +125,10 @@ class ExplicitIntegrator(ImplicitIntegrator):
         velocities = multiply_blocks(free, trial) + held
         push = mass * (velocities - trial) / dt
         _, forces = contacts.reactions(push)
-        forces *= contacts.power_factor(forces, velocities)
+        # Velocities at the wall chatter; the layer moves with the tool, less its own flattening.
+        flattening = np.einsum("nab,nkb->nka", state.smooth_gradient, contacts.normal)
+        layer = contacts.wall_velocity + contacts.half_width[..., None] * flattening
+        forces *= contacts.power_factor(forces, layer)
         for k in range(contacts.tool.shape[1]):
             on = contacts.active[:, k]
             np.add.at(report.tool_force, contacts.tool[on, k], -forces[on, k])

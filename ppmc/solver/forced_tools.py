@@ -1,14 +1,15 @@
 """Tools driven by a force: their speed is found so that the charge pushes back with that force.
 
-The charge is viscous, so the reaction grows with the speed: after each step the speed is scaled by the ratio of
-wanted to found force, damped by the square root because part of the reaction is pressure stored in the bulk penalty.
+The charge is viscous, so the reaction grows with the speed: after each step the speed is scaled by a power of the
+ratio of wanted to found force (damped, for part of the reaction is pressure stored in the bulk penalty), times a
+trend that learns how much stiffer the charge becomes from step to step.
 """
 
 import numpy as np
 
 from ppmc.geometry.toolset import ToolSet
 
-MOST_CHANGE = 2.0  # factor by which a speed may change from step to step
+MOST_CHANGE = 0.7  # logarithm of the factor by which a speed may change from step to step
 LEAST_SPEED = 1e-6  # of the largest speed: a tool that has all but stopped must be able to start again
 
 
@@ -19,6 +20,8 @@ class ForcedTools:
     ----------
     speed : ndarray, shape (forced,)
         Present speed along each tool's direction, mm/s.
+    trend : ndarray, shape (forced,)
+        Logarithm of the factor by which the speed changes a step at constant force.
     displacement : ndarray, shape (tools, 3)
         Displacement so far, mm; zero for prescribed tools.
     """
@@ -26,6 +29,7 @@ class ForcedTools:
     def __init__(self, tools: ToolSet) -> None:
         self.controls = tools.motions.forced
         self.speed = np.array([control.max_speed for control in self.controls])
+        self.trend = np.zeros(len(self.controls))
         self.displacement = np.zeros((len(tools), 3))
 
     def velocities(self, time_step: float) -> np.ndarray:
@@ -47,6 +51,9 @@ class ForcedTools:
         """
         for k, control in enumerate(self.controls):
             resistance = max(-float(tool_force[control.tool] @ control.direction), 1e-12 * control.force)
-            ratio = control.force / resistance
-            factor = np.clip(np.sqrt(ratio), 1.0 / MOST_CHANGE, MOST_CHANGE) if started else ratio
+            missing = float(np.log(control.force / resistance))
+            if started:
+                self.trend[k] += 0.1 * np.clip(missing, -1.0, 1.0)
+                missing = float(np.clip(0.5 * missing + self.trend[k], -MOST_CHANGE, MOST_CHANGE))
+            factor = np.exp(missing)
             self.speed[k] = np.clip(self.speed[k] * factor, LEAST_SPEED * control.max_speed, control.max_speed)

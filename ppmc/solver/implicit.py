@@ -23,6 +23,7 @@ from ppmc.solver.gradient import moment_inverses, velocity_gradient
 from ppmc.solver.kernel_shape import convect_shape, inverse_shape
 from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, cell_order, list_is_stale, weigh_pairs
 from ppmc.solver.operator import Operator, assemble
+from ppmc.solver.rigid_modes import free_rigid_modes
 from ppmc.solver.smoothing import SUPPORT
 from ppmc.solver.state import ParticleState
 from ppmc.solver.system import VelocitySystem
@@ -197,6 +198,9 @@ class ImplicitIntegrator:
             free, held = contacts.constrain(dt)
             system = VelocitySystem(operator, mass, drag, free, restricted_inverse(blocks + drag, free))
             system.coarse = self._coarse_grid(system, blocks)
+            hold = drag + mass[:, :, None] * np.eye(3)
+            stiffness = np.trace(blocks, axis1=1, axis2=2) / 3.0
+            system.rigid = free_rigid_modes(operator.positions, free, hold, stiffness)
             solution = conjugate_gradient(
                 system.apply, system.project, system.precondition, load + drag_load,
                 system.project(velocities) + held, tolerance=model.settings.velocity_tolerance,

@@ -114,7 +114,7 @@ class Simulation:
         self.integrator.list_shape = saved.list_shape
         self.integrator.rebuild_list(saved.list_positions)
         self.model.walls.forced.displacement = saved.forced
-        self.model.walls.forced.speed = saved.forced_speed
+        self.model.walls.forced.speed, self.model.walls.forced.trend = saved.forced_speed
         self.time, self.step_size = saved.time, saved.time_step
         self.report = StepReport()
         self.history = History(names, table, saved.history)
@@ -197,7 +197,8 @@ class Simulation:
             self.output,
             Checkpoint(
                 self.state, neighbours.positions, self.integrator.list_shape, self.history.table(),
-                self.model.walls.forced.displacement, self.model.walls.forced.speed,
+                self.model.walls.forced.displacement,
+                np.stack([self.model.walls.forced.speed, self.model.walls.forced.trend]),
                 self.time, self.step_size, self.writer.frames,
             ),
             self.provenance,

@@ -9,6 +9,7 @@ import numpy as np
 
 from ppmc.solver.block_jacobi import multiply_blocks
 from ppmc.solver.operator import Operator
+from ppmc.solver.rigid_modes import without
 
 if TYPE_CHECKING:
     from ppmc.solver.coarse_grid import CoarseGrid
@@ -31,6 +32,8 @@ class VelocitySystem:
         Block-Jacobi inverse on the free directions.
     coarse : CoarseGrid, optional
         Coarse level of the preconditioner.
+    rigid : ndarray, shape (n, 3, k), optional
+        Rigid motions that cost no power, see :func:`ppmc.solver.rigid_modes.free_rigid_modes`.
     """
 
     operator: Operator
@@ -39,6 +42,7 @@ class VelocitySystem:
     free: np.ndarray
     inverse: np.ndarray
     coarse: CoarseGrid | None = None
+    rigid: np.ndarray | None = None
 
     def apply(self, velocities: np.ndarray) -> np.ndarray:
         """Force that opposes the motion, shape (n, 3), Pa mm^2."""
@@ -52,8 +56,10 @@ class VelocitySystem:
         return multiply_blocks(self.free, vectors)
 
     def precondition(self, residual: np.ndarray) -> np.ndarray:
-        """Approximate solution for a residual, in the free directions."""
+        """Approximate solution for a residual, in the free directions and without rigid motion."""
+        if self.rigid is not None:
+            residual = without(self.rigid, residual)
         out = multiply_blocks(self.inverse, residual)
         if self.coarse is not None:
             out += self.coarse.correct(residual, self.free)
-        return out
+        return out if self.rigid is None else without(self.rigid, out)
