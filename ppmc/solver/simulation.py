@@ -19,6 +19,7 @@ from ppmc.solver.state import ParticleState
 from ppmc.solver.stop_requests import StopRequests
 from ppmc.solver.time_step import event_times, fit_to_times, proposed_step
 
+MOST_VOLUME_ERROR = 0.3  # mean |J - 1| beyond which a result means nothing; soft K reaches 0.26 (model of A5)
 FIRST_STEP_SHARE = 1e-3  # of the end time: step assumed by the solve that finds the velocities at the start
 
 
@@ -161,6 +162,13 @@ class Simulation:
         if s.volume_ratio[worst] <= 0.0:
             raise NumericalError(
                 f"particle {s.original[worst]} has turned inside out (J = {s.volume_ratio[worst]:.3g})"
+            )
+
+        lost = abs(float(np.average(s.volume_ratio, weights=s.volume)) - 1.0)
+        if lost > MOST_VOLUME_ERROR:
+            raise NumericalError(
+                f"the charge's mean volume ratio is off by {lost:.3g}: the step has gone astray; "
+                "try a smaller solver.max_strain_increment or a larger solver.bulk_ratio"
             )
 
     def _dump(self) -> Path:
