@@ -20,9 +20,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numba
-
 from ppmc.errors import SceneError
+
+# Waiting threads sleep instead of spinning: on a shared machine a spinning thread takes the core from the one it waits
+# for, and a small solve then costs several times its work.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+import numba  # noqa: E402  (reads the environment when it is loaded)
 
 KEPT_FOLDERS = 3
 FRESH_SECONDS = 24 * 3600.0
