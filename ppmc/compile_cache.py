@@ -24,9 +24,9 @@ from ppmc.errors import SceneError
 
 # Waiting threads sleep instead of spinning: on a shared machine a spinning thread takes the core from the one it waits
 # for, and a small solve then costs several times its work.
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # read by numba when it is loaded
 
-import numba  # noqa: E402  (reads the environment when it is loaded)
+import numba
 
 KEPT_FOLDERS = 3
 FRESH_SECONDS = 24 * 3600.0
