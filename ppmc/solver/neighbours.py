@@ -19,7 +19,31 @@ from ppmc.errors import NumericalError
 from ppmc.solver.smoothing import SUPPORT, pair_weight
 
 MAX_CELLS = 40_000_000
+ROWS_A_BLOCK, MOST_BLOCKS = 256, 64
+WINDOWS = 6  # windows of all blocks together, in particles
 _NO_METRIC = np.empty((0, 6))
+
+
+@dataclass
+class Blocks:
+    """Consecutive rows that are worked on together, with the window of particles that they reach.
+
+    Sums over neighbours that are scattered, not gathered, run in one window a block; windows are then added in the
+    order of the blocks. Blocks follow from the list alone, so such sums do not depend on the number of threads.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (blocks + 1,), int64
+        First row of each block.
+    low : ndarray, shape (blocks,), int64
+        First particle of each window.
+    offset : ndarray, shape (blocks + 1,), int64
+        Where each window begins when they are stored one after the other.
+    """
+
+    rows: np.ndarray
+    low: np.ndarray
+    offset: np.ndarray
 
 
 @dataclass
@@ -36,12 +60,14 @@ class NeighbourList:
         Positions the list was made from, mm; the list is valid until a particle has moved by half the skin.
     slack : float
         Distance, mm, that a particle may move from `positions` before the list must be rebuilt.
+    blocks : Blocks
     """
 
     start: np.ndarray
     index: np.ndarray
     positions: np.ndarray
     slack: float
+    blocks: Blocks
 
 
 @dataclass
@@ -57,12 +83,15 @@ class Pairs:
     index : ndarray, shape (slots,), int32
     weight : ndarray, shape (slots,)
         Pair weight omega_ij, 1/mm^5; symmetric to the last bit.
+    blocks : Blocks
+        Blocks of rows, as in the list.
     """
 
     start: np.ndarray
     count: np.ndarray
     index: np.ndarray
     weight: np.ndarray
+    blocks: Blocks
 
 
 def cell_order(positions: np.ndarray, cutoff: float) -> np.ndarray:
@@ -122,7 +151,7 @@ def build_list(
     np.cumsum(counts, out=start[1:])
     index = np.empty(start[-1], dtype=np.int32)
     _candidates(positions, metric, cells, order, first, nx, ny, nz, cutoff**2, True, start, index, counts)
-    return NeighbourList(start, index, positions.copy(), slack)
+    return NeighbourList(start, index, positions.copy(), slack, _blocks(start, index))
 
 
 def list_is_stale(neighbours: NeighbourList, positions: np.ndarray) -> bool:
@@ -157,7 +186,22 @@ def weigh_pairs(
     weight = np.empty(len(neighbours.index))
     metric = _NO_METRIC if inverse_shape is None else inverse_shape
     _weigh(neighbours.start, neighbours.index, positions, metric, smoothing_length, count, index, weight)
-    return Pairs(neighbours.start, count, index, weight)
+    return Pairs(neighbours.start, count, index, weight, neighbours.blocks)
+
+
+def _blocks(start: np.ndarray, index: np.ndarray) -> Blocks:
+    """Blocks of the rows of a list: as many as MOST_BLOCKS, fewer if their windows would take too much memory."""
+    n = len(start) - 1
+    count = min(MOST_BLOCKS, 1 << max(0, (n // ROWS_A_BLOCK).bit_length() - 1))
+    rows = np.arange(count + 1) * n // count
+    low, end = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+    _reach(start, index, rows, low, end)
+    while count > 1 and np.sum(end - low) > WINDOWS * n:
+        count //= 2
+        rows, low, end = rows[::2], np.minimum(low[::2], low[1::2]), np.maximum(end[::2], end[1::2])
+    offset = np.zeros(count + 1, dtype=np.int64)
+    np.cumsum(end - low, out=offset[1:])
+    return Blocks(np.ascontiguousarray(rows), low, offset)
 
 
 def _cells(positions: np.ndarray, cutoff: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -204,6 +248,16 @@ def _candidates(x, g, cells, order, first, nx, ny, nz, cutoff2, fill, start, ind
                             index[at] = j
                         at += 1
         counts[i] = at - start[i]
+
+
+@njit(cache=True, parallel=True)
+def _reach(start, index, rows, low, end):
+    for block in prange(low.shape[0]):
+        first, last = rows[block], rows[block + 1] - 1
+        for slot in range(start[rows[block]], start[rows[block + 1]]):
+            j = np.int64(index[slot])
+            first, last = min(first, j), max(last, j)
+        low[block], end[block] = first, last + 1
 
 
 @njit(cache=True, parallel=True)

@@ -72,15 +72,16 @@ class Operator:
         out = np.empty((n, 3)) if out is None else out
         p = self.pairs
         if self.directions.shape[1] <= 1:
+            blocks = p.blocks
             if not self._work:
-                self._work = [np.empty((n, single_direction.PACKED))]
-            packed = self._work[0]
+                self._work = [np.empty((int(blocks.offset[-1]), 3))]
+            window = self._work[0]
             single_direction.stress_sweep(
-                p.start, p.count, p.index, p.weight, self.positions, self.volumes, self.inverse, self.first,
-                self.shear, self.bulk, self.fibre, self.directions, self.control, velocities,
-                int(p.count.max(initial=0)), packed, out,
+                p.start, p.count, p.index, p.weight, self.positions, self.volumes, self.inverse, self.shear, self.bulk,
+                self.fibre, self.directions, self.control, velocities, int(p.count.max(initial=0)),
+                blocks.rows, blocks.low, blocks.offset, window, out,
             )  # fmt: skip
-            single_direction.force_sweep(p.start, p.count, p.index, p.weight, self.volumes, packed, out)
+            single_direction.add_reactions(blocks.rows, blocks.low, blocks.offset, window, out)
             return out
         if not self._work:
             self._work = [np.empty((n, 3, 3)), np.empty((n, 3, 3))]

@@ -1,7 +1,16 @@
-"""The operator's two sweeps for at most one fibre direction a particle, written so that they vectorise.
+r"""The operator's product for at most one fibre direction a particle, written so that it vectorises.
 
 The same sums as in :mod:`ppmc.solver.operator`, row by row: a row's neighbours are first copied into short buffers,
-one a component, and all arithmetic then runs over these. The order of the sums depends on the neighbour list alone.
+one a component, and all arithmetic then runs over these. The energy of row i opposes the motion of i by the sum of
+
+.. math:: -\phi_{ij} = -a_{ij}\,(T_i x_{ij} + H_{ij} e_{ij})
+
+and that of its neighbour j by :math:`+\phi_{ij}`: the force on a bond is worked out once, where all that it needs is
+at hand, and added to the neighbour there and then.
+
+To keep that free of races and of any dependence on the number of threads, rows are taken in blocks that follow from
+the neighbour list alone (:class:`ppmc.solver.neighbours.Blocks`). Each block sums its reactions in a window of its own,
+and the windows are added in the order of the blocks.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -11,22 +20,22 @@ import numpy as np
 from ppmc.compile_cache import njit, prange
 
 FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}  # never nnan or ninf
-CHUNK = 64  # rows that share their buffers
-PACKED = 30  # numbers of a neighbour that the second sweep needs
 
 
 @njit(cache=True, parallel=True, fastmath=FAST)
 def stress_sweep(
-    start, count, index, weight, x, volume, inverse, first, shear, bulk, fibre, p, control, v, longest, packed, out
-):
-    """Velocity gradients and tractions into `packed`, the force of each row's own energy into `out`."""
-    n = x.shape[0]
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        da, db, dc, wa, wb, wc, aa = (
+    start, count, index, weight, x, volume, inverse, shear, bulk, fibre, p, control, v, longest,
+    rows, low, offset, window, out,
+):  # fmt: skip
+    """Force of each row's energy: on the row itself into `out`, on its neighbours into the windows of the blocks."""
+    for block in prange(rows.shape[0] - 1):
+        window[offset[block] : offset[block + 1]] = 0.0
+        shift = offset[block] - low[block]
+        da, db, dc, wa, wb, wc, aa, ha, hb, hc = (
             np.empty(longest), np.empty(longest), np.empty(longest), np.empty(longest), np.empty(longest),
-            np.empty(longest), np.empty(longest),
+            np.empty(longest), np.empty(longest), np.empty(longest), np.empty(longest), np.empty(longest),
         )  # fmt: skip
-        for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
+        for i in range(rows[block], rows[block + 1]):
             x0, x1, x2 = x[i, 0], x[i, 1], x[i, 2]
             v0, v1, v2 = v[i, 0], v[i, 1], v[i, 2]
             begin, m = start[i], count[i]
@@ -82,7 +91,6 @@ def stress_sweep(
 
             # Zero-energy force of the row's own energy: h = a (c_iso e + u d + t p).
             q00, q01, q02, q10, q11, q12, q20, q21, q22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            f0, f1, f2 = 0.0, 0.0, 0.0
             for s in range(m):
                 d0, d1, d2, a = da[s], db[s], dc[s], aa[s]
                 e0 = wa[s] - (l00 * d0 + l01 * d1 + l02 * d2)
@@ -97,9 +105,7 @@ def stress_sweep(
                 t = ne * pd
                 c = a * c_iso
                 h0, h1, h2 = c * e0 + u * d0 + t * p0, c * e1 + u * d1 + t * p1, c * e2 + u * d2 + t * p2
-                f0 -= h0
-                f1 -= h1
-                f2 -= h2
+                ha[s], hb[s], hc[s] = h0, h1, h2
                 q00 += h0 * d0
                 q01 += h0 * d1
                 q02 += h0 * d2
@@ -122,55 +128,34 @@ def stress_sweep(
             t20 = q20 * i00 + q21 * i01 + q22 * i02
             t21 = q20 * i01 + q21 * i11 + q22 * i12
             t22 = q20 * i02 + q21 * i12 + q22 * i22
-            b0, b1, b2 = first[i, 0], first[i, 1], first[i, 2]
-            out[i, 0] = f0 - (t00 * b0 + t01 * b1 + t02 * b2)
-            out[i, 1] = f1 - (t10 * b0 + t11 * b1 + t12 * b2)
-            out[i, 2] = f2 - (t20 * b0 + t21 * b1 + t22 * b2)
-            k = packed[i]
-            k[0], k[1], k[2] = x0, x1, x2
-            k[3], k[4], k[5] = v0, v1, v2
-            k[6], k[7], k[8] = t00 - c_iso * l00, t01 - c_iso * l01, t02 - c_iso * l02
-            k[9], k[10], k[11] = t10 - c_iso * l10, t11 - c_iso * l11, t12 - c_iso * l12
-            k[12], k[13], k[14] = t20 - c_iso * l20, t21 - c_iso * l21, t22 - c_iso * l22
-            k[15], k[16], k[17] = l00, l11, l22
-            k[18], k[19], k[20] = 2.0 * xy, 2.0 * yz, 2.0 * xz
-            k[21], k[22], k[23] = p0, p1, p2
-            k[24] = p0 * l00 + p1 * l10 + p2 * l20
-            k[25] = p0 * l01 + p1 * l11 + p2 * l21
-            k[26] = p0 * l02 + p1 * l12 + p2 * l22
-            k[27], k[28], k[29] = c_iso, c_bond, c_fibre
+            # Forces on the bonds: out of the row, into the window.
+            f0, f1, f2 = 0.0, 0.0, 0.0
+            for s in range(m):
+                d0, d1, d2 = aa[s] * da[s], aa[s] * db[s], aa[s] * dc[s]
+                h0 = ha[s] + t00 * d0 + t01 * d1 + t02 * d2
+                h1 = hb[s] + t10 * d0 + t11 * d1 + t12 * d2
+                h2 = hc[s] + t20 * d0 + t21 * d1 + t22 * d2
+                f0 -= h0
+                f1 -= h1
+                f2 -= h2
+                ha[s], hb[s], hc[s] = h0, h1, h2
+            out[i, 0], out[i, 1], out[i, 2] = f0, f1, f2
+            for s in range(m):
+                j = index[begin + s] + shift
+                window[j, 0] += ha[s]
+                window[j, 1] += hb[s]
+                window[j, 2] += hc[s]
 
 
-@njit(cache=True, parallel=True, fastmath=FAST)
-def force_sweep(start, count, index, weight, volume, packed, out):
-    """Add the forces of the neighbours' energies to `out`."""
-    n = out.shape[0]
-    for i in prange(n):
-        own = packed[i]
-        x0, x1, x2, v0, v1, v2 = own[0], own[1], own[2], own[3], own[4], own[5]
-        f0, f1, f2 = 0.0, 0.0, 0.0
-        begin = start[i]
-        for s in range(count[i]):
-            j = index[begin + s]
-            w = weight[begin + s]
-            d0, d1, d2 = x0 - packed[j, 0], x1 - packed[j, 1], x2 - packed[j, 2]
-            w0, w1, w2 = v0 - packed[j, 3], v1 - packed[j, 4], v2 - packed[j, 5]
-            per_r2 = 1.0 / (d0 * d0 + d1 * d1 + d2 * d2)
-            p0, p1, p2 = packed[j, 21], packed[j, 22], packed[j, 23]
-            de = d0 * w0 + d1 * w1 + d2 * w2 - (
-                d0 * (packed[j, 15] * d0 + packed[j, 18] * d1 + packed[j, 20] * d2)
-                + d1 * (packed[j, 16] * d1 + packed[j, 19] * d2) + packed[j, 17] * d2 * d2
-            )  # fmt: skip
-            pd = p0 * d0 + p1 * d1 + p2 * d2
-            pe = p0 * w0 + p1 * w1 + p2 * w2 - (packed[j, 24] * d0 + packed[j, 25] * d1 + packed[j, 26] * d2)
-            ne = per_r2 * packed[j, 29] * (pd * pe - de / 3.0)
-            u = per_r2 * packed[j, 28] * de - ne / 3.0
-            t = ne * pd
-            c = packed[j, 27]
-            f0 += w * (packed[j, 6] * d0 + packed[j, 7] * d1 + packed[j, 8] * d2 + c * w0 + u * d0 + t * p0)
-            f1 += w * (packed[j, 9] * d0 + packed[j, 10] * d1 + packed[j, 11] * d2 + c * w1 + u * d1 + t * p1)
-            f2 += w * (packed[j, 12] * d0 + packed[j, 13] * d1 + packed[j, 14] * d2 + c * w2 + u * d2 + t * p2)
-        vol = volume[i]
-        out[i, 0] += vol * f0
-        out[i, 1] += vol * f1
-        out[i, 2] += vol * f2
+@njit(cache=True, parallel=True)
+def add_reactions(rows, low, offset, window, out):
+    """Add the windows of all blocks to `out`."""
+    blocks = rows.shape[0] - 1
+    for target in prange(blocks):
+        for block in range(blocks):
+            shift = offset[block] - low[block]
+            end = min(rows[target + 1], low[block] + offset[block + 1] - offset[block])
+            for i in range(max(rows[target], low[block]), end):
+                out[i, 0] += window[i + shift, 0]
+                out[i, 1] += window[i + shift, 1]
+                out[i, 2] += window[i + shift, 2]
