@@ -22,7 +22,7 @@ import numpy as np
 from ppmc.compile_cache import njit, prange
 from ppmc.errors import NumericalError
 from ppmc.solver.block_jacobi import multiply_blocks
-from ppmc.solver.neighbours import MAX_CELLS
+from ppmc.solver.cells import MAX_CELLS
 from ppmc.solver.skyline import SkylineFactor, factorise
 
 CELL = 3.0  # size of a grid cell in particle spacings

@@ -16,7 +16,10 @@ from ppmc.compile_cache import njit, prange
 from ppmc.solver.neighbours import Pairs
 from ppmc.solver.small_tensors import invert_symmetric
 
+CHUNK = 64  # rows that share their buffers
+FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}  # never nnan or ninf
 MOMENT_FLOOR = 0.01  # smallest eigenvalue of M, in parts of its largest, that is taken at its word
+_NO_VELOCITIES = np.empty((0, 3))
 
 
 def moment_inverses(
@@ -41,12 +44,20 @@ def moment_inverses(
     first : ndarray, shape (n, 3)
         First moments, sum_j a_ij x_ij.
     """
-    n = len(positions)
-    inverse, trace, first = np.empty((n, 3, 3)), np.empty(n), np.empty((n, 3))
+    return moments_and_gradient(pairs, positions, volumes, _NO_VELOCITIES)[:3]
+
+
+def moments_and_gradient(
+    pairs: Pairs, positions: np.ndarray, volumes: np.ndarray, velocities: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Moments as in :func:`moment_inverses` and the velocity gradients L_i, shape (n, 3, 3), in one sweep."""
+    n, wanted = len(positions), len(velocities)
+    inverse, trace, first, gradient = np.empty((n, 3, 3)), np.empty(n), np.empty((n, 3)), np.empty((wanted, 3, 3))
     _moments(
-        pairs.start, pairs.count, pairs.index, pairs.weight, positions, volumes, MOMENT_FLOOR, inverse, trace, first
-    )
-    return inverse, trace, first
+        pairs.start, pairs.count, pairs.index, pairs.weight, positions, volumes, velocities,
+        int(pairs.count.max(initial=0)), MOMENT_FLOOR, inverse, trace, first, gradient,
+    )  # fmt: skip
+    return inverse, trace, first, gradient
 
 
 def velocity_gradient(
@@ -54,45 +65,98 @@ def velocity_gradient(
 ) -> np.ndarray:
     """Velocity gradients L_i (L_ab = dv_a/dx_b), shape (n, 3, 3), 1/s; arguments as in :func:`moment_inverses`."""
     out = np.empty((len(positions), 3, 3))
-    _gradient(pairs.start, pairs.count, pairs.index, pairs.weight, positions, volumes, inverse, velocities, out)
+    _gradient(
+        pairs.start, pairs.count, pairs.index, pairs.weight, positions, volumes, velocities,
+        int(pairs.count.max(initial=0)), inverse, out,
+    )  # fmt: skip
     return out
 
 
-@njit(cache=True, parallel=True)
-def _moments(start, count, index, weight, x, volume, floor, inverse, trace, first):
-    for i in prange(x.shape[0]):
-        m = np.zeros((3, 3))
-        s0, s1, s2 = 0.0, 0.0, 0.0
-        for slot in range(start[i], start[i] + count[i]):
-            j = index[slot]
-            a = volume[j] * weight[slot]
-            d0, d1, d2 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
-            s0 += a * d0
-            s1 += a * d1
-            s2 += a * d2
-            m[0, 0] += a * d0 * d0
-            m[1, 1] += a * d1 * d1
-            m[2, 2] += a * d2 * d2
-            m[0, 1] += a * d0 * d1
-            m[1, 2] += a * d1 * d2
-            m[0, 2] += a * d0 * d2
-        m[1, 0], m[2, 1], m[2, 0] = m[0, 1], m[1, 2], m[0, 2]
-        first[i, 0], first[i, 1], first[i, 2] = s0, s1, s2
-        trace[i] = m[0, 0] + m[1, 1] + m[2, 2]
-        invert_symmetric(m, floor, inverse[i])
+# Rows are first copied into short buffers, one a component, so that the sums over them vectorise. The helpers are
+# inlined: passing array views to a function costs as much as a quarter of a row.
 
 
-@njit(cache=True, parallel=True)
-def _gradient(start, count, index, weight, x, volume, inverse, v, out):
-    for i in prange(x.shape[0]):
-        g = np.zeros((3, 3))
-        for slot in range(start[i], start[i] + count[i]):
-            j = index[slot]
-            a = volume[j] * weight[slot]
-            for r in range(3):
-                dv = a * (v[j, r] - v[i, r])
-                for c in range(3):
-                    g[r, c] += dv * (x[j, c] - x[i, c])
-        for r in range(3):
-            for c in range(3):
-                out[i, r, c] = g[r, 0] * inverse[i, 0, c] + g[r, 1] * inverse[i, 1, c] + g[r, 2] * inverse[i, 2, c]
+@njit(cache=True, inline="always")
+def _copy_row(index, weight, volume, x, i, begin, m, a, da, db, dc):
+    x0, x1, x2 = x[i, 0], x[i, 1], x[i, 2]
+    for s in range(m):
+        j = np.uint32(index[begin + s])
+        a[s] = volume[j] * weight[begin + s]
+        da[s] = x[j, 0] - x0
+        db[s] = x[j, 1] - x1
+        dc[s] = x[j, 2] - x2
+
+
+@njit(cache=True, inline="always")
+def _copy_differences(index, values, i, begin, m, da, db, dc):
+    v0, v1, v2 = values[i, 0], values[i, 1], values[i, 2]
+    for s in range(m):
+        j = np.uint32(index[begin + s])
+        da[s] = values[j, 0] - v0
+        db[s] = values[j, 1] - v1
+        dc[s] = values[j, 2] - v2
+
+
+@njit(cache=True, inline="always")
+def _sum_gradient(a, da, db, dc, wa, wb, wc, m, i, inverse, out):
+    g00, g01, g02, g10, g11, g12, g20, g21, g22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for s in range(m):
+        d0, d1, d2 = a[s] * da[s], a[s] * db[s], a[s] * dc[s]
+        g00 += wa[s] * d0
+        g01 += wa[s] * d1
+        g02 += wa[s] * d2
+        g10 += wb[s] * d0
+        g11 += wb[s] * d1
+        g12 += wb[s] * d2
+        g20 += wc[s] * d0
+        g21 += wc[s] * d1
+        g22 += wc[s] * d2
+    for c in range(3):
+        out[i, 0, c] = g00 * inverse[i, 0, c] + g01 * inverse[i, 1, c] + g02 * inverse[i, 2, c]
+        out[i, 1, c] = g10 * inverse[i, 0, c] + g11 * inverse[i, 1, c] + g12 * inverse[i, 2, c]
+        out[i, 2, c] = g20 * inverse[i, 0, c] + g21 * inverse[i, 1, c] + g22 * inverse[i, 2, c]
+
+
+@njit(cache=True, parallel=True, fastmath=FAST)
+def _moments(start, count, index, weight, x, volume, v, longest, floor, inverse, trace, first, gradient):
+    n = x.shape[0]
+    for chunk in prange((n + CHUNK - 1) // CHUNK):
+        a, da, db, dc = np.empty(longest), np.empty(longest), np.empty(longest), np.empty(longest)
+        wa, wb, wc, moment = np.empty(longest), np.empty(longest), np.empty(longest), np.empty((3, 3))
+        for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
+            begin, m = start[i], count[i]
+            _copy_row(index, weight, volume, x, i, begin, m, a, da, db, dc)
+            xx, yy, zz, xy, yz, xz, s0, s1, s2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for s in range(m):
+                d0, d1, d2 = a[s] * da[s], a[s] * db[s], a[s] * dc[s]
+                s0 += d0
+                s1 += d1
+                s2 += d2
+                xx += d0 * da[s]
+                yy += d1 * db[s]
+                zz += d2 * dc[s]
+                xy += d0 * db[s]
+                yz += d1 * dc[s]
+                xz += d0 * dc[s]
+            moment[0, 0], moment[1, 1], moment[2, 2] = xx, yy, zz
+            moment[0, 1], moment[1, 2], moment[0, 2] = xy, yz, xz
+            moment[1, 0], moment[2, 1], moment[2, 0] = xy, yz, xz
+            first[i, 0], first[i, 1], first[i, 2] = s0, s1, s2
+            trace[i] = xx + yy + zz
+            invert_symmetric(moment, floor, inverse[i])
+            if v.shape[0] > 0:
+                _copy_differences(index, v, i, begin, m, wa, wb, wc)
+                _sum_gradient(a, da, db, dc, wa, wb, wc, m, i, inverse, gradient)
+
+
+@njit(cache=True, parallel=True, fastmath=FAST)
+def _gradient(start, count, index, weight, x, volume, v, longest, inverse, out):
+    n = x.shape[0]
+    for chunk in prange((n + CHUNK - 1) // CHUNK):
+        a, da, db, dc = np.empty(longest), np.empty(longest), np.empty(longest), np.empty(longest)
+        wa, wb, wc = np.empty(longest), np.empty(longest), np.empty(longest)
+        for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
+            begin, m = start[i], count[i]
+            _copy_row(index, weight, volume, x, i, begin, m, a, da, db, dc)
+            _copy_differences(index, v, i, begin, m, wa, wb, wc)
+            _sum_gradient(a, da, db, dc, wa, wb, wc, m, i, inverse, out)

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmc.compile_cache import njit, prange
-from ppmc.errors import NumericalError
+from ppmc.solver.cells import sort_into_cells
+from ppmc.solver.neighbour_search import find_neighbours
 from ppmc.solver.smoothing import SUPPORT, pair_weight
 
-MAX_CELLS = 40_000_000
 ROWS_A_BLOCK, MOST_BLOCKS = 256, 64
 WINDOWS = 6  # windows of all blocks together, in particles
 _NO_METRIC = np.empty((0, 6))
@@ -95,26 +95,25 @@ class Pairs:
 
 
 def cell_order(positions: np.ndarray, cutoff: float) -> np.ndarray:
-    """Permutation that sorts particles by cell of size `cutoff` (mm), stable inside a cell.
+    """Permutation that sorts particles by the cells that :func:`build_list` searches, stable inside a cell.
 
     Parameters
     ----------
     positions : ndarray, shape (n, 3)
         Particle centres, mm.
     cutoff : float
-        Cell size, mm.
+        Distance, mm, within which neighbours are to be found.
 
     Returns
     -------
-    ndarray, shape (n,), int64
+    ndarray, shape (n,), int32
 
     Raises
     ------
     ppmc.errors.NumericalError
         If the particles are spread over an implausible number of cells (some have been lost).
     """
-    cells, _, _ = _cells(positions, cutoff)
-    return np.argsort(cells, kind="stable")
+    return sort_into_cells(positions, cutoff).order
 
 
 def build_list(
@@ -139,18 +138,9 @@ def build_list(
     -------
     NeighbourList
     """
-    n = len(positions)
     metric = _NO_METRIC if inverse_shape is None else inverse_shape
-    cells, shape, _ = _cells(positions, cutoff * reach)
-    order = np.argsort(cells, kind="stable")
-    first = np.searchsorted(cells[order], np.arange(int(np.prod(shape)) + 1))
-    nx, ny, nz = (int(s) for s in shape)
-    counts, start = np.empty(n, dtype=np.int64), np.zeros(n + 1, dtype=np.int64)
-    unused = np.empty(0, dtype=np.int32)
-    _candidates(positions, metric, cells, order, first, nx, ny, nz, cutoff**2, False, start, unused, counts)
-    np.cumsum(counts, out=start[1:])
-    index = np.empty(start[-1], dtype=np.int32)
-    _candidates(positions, metric, cells, order, first, nx, ny, nz, cutoff**2, True, start, index, counts)
+    radius = cutoff * reach
+    start, index = find_neighbours(sort_into_cells(positions, radius), radius, cutoff, metric)
     return NeighbourList(start, index, positions.copy(), slack, _blocks(start, index))
 
 
@@ -204,52 +194,6 @@ def _blocks(start: np.ndarray, index: np.ndarray) -> Blocks:
     return Blocks(np.ascontiguousarray(rows), low, offset)
 
 
-def _cells(positions: np.ndarray, cutoff: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    low = positions.min(axis=0)
-    span = (positions.max(axis=0) - low) / cutoff
-    if not np.all(np.isfinite(span)) or np.prod(span + 1.0) > MAX_CELLS:
-        raise NumericalError(
-            f"particles are spread over {positions.min(axis=0)} to {positions.max(axis=0)} mm: some have been lost;"
-            " take smaller steps (solver.max_strain_increment) or look for gaps in the tooling"
-        )
-    shape = np.floor(span).astype(np.int64) + 1
-    ijk = np.minimum(np.floor((positions - low) / cutoff).astype(np.int64), shape - 1)
-    return (ijk[:, 2] * shape[1] + ijk[:, 1]) * shape[0] + ijk[:, 0], shape, low
-
-
-@njit(cache=True, inline="always")
-def _metric_distance2(x, g, i, j):
-    d0, d1, d2 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
-    if g.shape[0] == 0:
-        return d0 * d0 + d1 * d1 + d2 * d2
-    return (
-        0.5 * (g[i, 0] + g[j, 0]) * d0 * d0
-        + 0.5 * (g[i, 1] + g[j, 1]) * d1 * d1
-        + 0.5 * (g[i, 2] + g[j, 2]) * d2 * d2
-        + (g[i, 3] + g[j, 3]) * d0 * d1
-        + (g[i, 4] + g[j, 4]) * d1 * d2
-        + (g[i, 5] + g[j, 5]) * d0 * d2
-    )
-
-
-@njit(cache=True, parallel=True)
-def _candidates(x, g, cells, order, first, nx, ny, nz, cutoff2, fill, start, index, counts):
-    for i in prange(x.shape[0]):
-        c = cells[i]
-        cx, cy, cz = c % nx, (c // nx) % ny, c // (nx * ny)
-        at = start[i]
-        for kz in range(max(cz - 1, 0), min(cz + 2, nz)):
-            for ky in range(max(cy - 1, 0), min(cy + 2, ny)):
-                row = (kz * ny + ky) * nx
-                for slot in range(first[row + max(cx - 1, 0)], first[row + min(cx + 2, nx)]):
-                    j = order[slot]
-                    if j != i and _metric_distance2(x, g, i, j) < cutoff2:
-                        if fill:
-                            index[at] = j
-                        at += 1
-        counts[i] = at - start[i]
-
-
 @njit(cache=True, parallel=True)
 def _reach(start, index, rows, low, end):
     for block in prange(low.shape[0]):
@@ -262,14 +206,52 @@ def _reach(start, index, rows, low, end):
 
 @njit(cache=True, parallel=True)
 def _weigh(start, candidates, x, g, h, count, index, weight):
-    support2 = (SUPPORT * h) ** 2
+    half2 = 0.5 * (SUPPORT * h) ** 2
     for i in prange(x.shape[0]):
-        at = start[i]
-        for slot in range(start[i], start[i + 1]):
-            j = candidates[slot]
-            r2 = _metric_distance2(x, g, i, j)
-            if 0.0 < r2 < support2:
-                index[at] = j
-                weight[at] = pair_weight(r2, h)
-                at += 1
-        count[i] = at - start[i]
+        row = candidates[start[i] : start[i + 1]]
+        names, weights = index[start[i] : start[i + 1]], weight[start[i] : start[i + 1]]
+        spheres = g.shape[0] == 0
+        m = (
+            _within(x, i, row, half2, names, weights)
+            if spheres
+            else _within_metric(x, g, i, row, half2, names, weights)
+        )
+        for s in range(m):
+            weights[s] = pair_weight(weights[s], h)
+        count[i] = m
+
+
+# Both write every candidate, and overwrite it with the next one if it was out of reach: loops without branches flow.
+# One comparison leaves out what lies at the edge or beyond and what lies at the same point, which has no direction.
+
+
+@njit(cache=True)
+def _within(x, i, row, half2, names, distance2):
+    x0, x1, x2, m = x[i, 0], x[i, 1], x[i, 2], 0
+    for s in range(row.shape[0]):
+        j = np.uint32(row[s])
+        d0, d1, d2 = x[j, 0] - x0, x[j, 1] - x1, x[j, 2] - x2
+        r2 = d0 * d0 + d1 * d1 + d2 * d2
+        names[m], distance2[m] = j, r2
+        m += 1 if abs(r2 - half2) < half2 else 0
+    return m
+
+
+@njit(cache=True)
+def _within_metric(x, g, i, row, half2, names, distance2):
+    x0, x1, x2, m = x[i, 0], x[i, 1], x[i, 2], 0
+    g0, g1, g2, g3, g4, g5 = g[i, 0], g[i, 1], g[i, 2], g[i, 3], g[i, 4], g[i, 5]
+    for s in range(row.shape[0]):
+        j = np.uint32(row[s])
+        d0, d1, d2 = x[j, 0] - x0, x[j, 1] - x1, x[j, 2] - x2
+        r2 = (
+            0.5 * (g0 + g[j, 0]) * d0 * d0
+            + 0.5 * (g1 + g[j, 1]) * d1 * d1
+            + 0.5 * (g2 + g[j, 2]) * d2 * d2
+            + (g3 + g[j, 3]) * d0 * d1
+            + (g4 + g[j, 4]) * d1 * d2
+            + (g5 + g[j, 5]) * d0 * d2
+        )
+        names[m], distance2[m] = j, r2
+        m += 1 if abs(r2 - half2) < half2 else 0
+    return m

@@ -40,7 +40,7 @@ def stress_sweep(
             v0, v1, v2 = v[i, 0], v[i, 1], v[i, 2]
             begin, m = start[i], count[i]
             for s in range(m):
-                j = index[begin + s]
+                j = np.uint32(index[begin + s])
                 aa[s] = volume[j] * weight[begin + s]
                 da[s] = x[j, 0] - x0
                 db[s] = x[j, 1] - x1
@@ -141,7 +141,7 @@ def stress_sweep(
                 ha[s], hb[s], hc[s] = h0, h1, h2
             out[i, 0], out[i, 1], out[i, 2] = f0, f1, f2
             for s in range(m):
-                j = index[begin + s] + shift
+                j = np.uint32(index[begin + s] + shift)
                 window[j, 0] += ha[s]
                 window[j, 1] += hb[s]
                 window[j, 2] += hc[s]

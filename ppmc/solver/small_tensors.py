@@ -29,15 +29,20 @@ def invert_symmetric(m, floor, out):
     left alone to the last bit, for even a thousandth of it would break the exactness under rigid rotation.
     """
     a, b, c, d, e, f = m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[1, 2], m[0, 2]
-    low, high = symmetric_eigenvalues(a, b, c, d, e, f)
-    if high <= 0.0:
-        out[:] = 0.0
-        return
-    if low < floor * high:
-        add = floor * high - low
-        a, b, c = a + add, b + add, c + add
     x, y, z = b * c - e * e, f * e - d * c, d * e - f * b
-    inverse_det = 1.0 / (a * x + d * y + f * z)
+    trace, determinant = a + b + c, a * x + d * y + f * z
+    # The least eigenvalue is at least det/(trace/2)^2 and the largest at most the trace: most matrices need no more.
+    if not (a > 0.0 and a * b > d * d and 4.0 * determinant > floor * trace**3):
+        low, high = symmetric_eigenvalues(a, b, c, d, e, f)
+        if high <= 0.0:
+            out[:] = 0.0
+            return
+        if low < floor * high:
+            add = floor * high - low
+            a, b, c = a + add, b + add, c + add
+            x, y, z = b * c - e * e, f * e - d * c, d * e - f * b
+            determinant = a * x + d * y + f * z
+    inverse_det = 1.0 / determinant
     out[0, 0] = x * inverse_det
     out[0, 1] = y * inverse_det
     out[0, 2] = z * inverse_det

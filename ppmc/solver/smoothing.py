@@ -21,11 +21,9 @@ SUPPORT = 2.0  # support radius in smoothing lengths
 @njit(cache=True, inline="always")
 def pair_weight(r2: float, h: float) -> float:
     """Weight -W'(r)/r from the squared distance ``r2`` (mm^2) and the smoothing length ``h`` (mm); 1/mm^5."""
-    q = math.sqrt(r2) / h
-    if q >= SUPPORT:
-        return 0.0
-    tail = 1.0 - 0.5 * q
-    return 21.0 / (16.0 * math.pi) * 5.0 * tail * tail * tail / (h * h * h * h * h)
+    per_h = 1.0 / h
+    tail = max(0.0, 1.0 - 0.5 * per_h * math.sqrt(r2))
+    return 105.0 / (16.0 * math.pi) * (per_h * per_h * per_h * per_h * per_h) * (tail * tail * tail)
 
 
 @njit(cache=True, inline="always")

@@ -1,0 +1,208 @@
+"""Search of a cell grid for all particles within a radius.
+
+Cell by cell, everything that can be near its particles is copied side by side, so that the loops over it are long and
+plain; each particle then takes its neighbours from that. Rows depend on the particles alone: cells are visited in one
+order, and particles inside a cell ascend.
+"""
+
+# mypy: disable-error-code="no-untyped-def"
+
+import numpy as np
+
+from ppmc.compile_cache import njit, prange
+from ppmc.solver.cells import Cells
+
+CHUNK = 64  # particles that share their buffers
+
+
+def find_neighbours(
+    cells: Cells, radius: float, cutoff: float, inverse_shape: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of all particles nearer than `cutoff`.
+
+    Parameters
+    ----------
+    cells : Cells
+    radius : float
+        Distance beyond which nothing is within the cutoff, whatever the metric, mm.
+    cutoff : float
+        mm, in the metric.
+    inverse_shape : ndarray, shape (n, 6), or (0, 6) for spheres
+        Metric of each particle; that of a pair is the mean of both.
+
+    Returns
+    -------
+    start : ndarray, shape (n + 1,), int64
+        First slot of each row.
+    index : ndarray, shape (pairs,), int32
+        Particle numbers, itself left out.
+    """
+    n = len(cells.order)
+    metric = _along(inverse_shape, cells.axes) if len(inverse_shape) else inverse_shape
+    arguments = (metric, cells.order, cells.cell, cells.points, cells.first, cells.shape, cells.edge, radius, cutoff**2)
+    counts, start = np.empty(n, dtype=np.int64), np.zeros(n + 1, dtype=np.int64)
+    _list(*arguments, False, start, np.empty(0, dtype=np.int32), counts)
+    np.cumsum(counts, out=start[1:])
+    index = np.empty(start[-1], dtype=np.int32)
+    _list(*arguments, True, start, index, counts)
+    return start, index
+
+
+def _along(metric: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Components of symmetric tensors XX, YY, ZZ, XY, YZ, XZ for axes taken in another order."""
+    place = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])[np.ix_(axes, axes)]
+    return np.ascontiguousarray(metric[:, place[[0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]])
+
+
+@njit(cache=True)
+def _runs_near(home, first, shape, edge, radius, runs):
+    """Write first and last places of the runs of cells that reach within `radius` of a home cell; count both."""
+    nx, ny, nz = shape[0], shape[1], shape[2]
+    cx, cy, cz = home % nx, (home // nx) % ny, home // (nx * ny)
+    reach_x, reach_y, reach_z = _reach_of(radius, edge[0]), _reach_of(radius, edge[1]), _reach_of(radius, edge[2])
+    count, places = 0, 0
+    for kz in range(max(cz - reach_z, 0), min(cz + reach_z + 1, nz)):
+        for ky in range(max(cy - reach_y, 0), min(cy + reach_y + 1, ny)):
+            row = (kz * ny + ky) * nx
+            begin, end = first[row + max(cx - reach_x, 0)], first[row + min(cx + reach_x + 1, nx)]
+            if end > begin:
+                runs[count, 0], runs[count, 1] = begin, end
+                count += 1
+                places += end - begin
+    return count, places
+
+
+@njit(cache=True)
+def _reach_of(radius, edge):
+    """Whole cells that a radius may reach beyond the home cell, whatever the rounding."""
+    return int(radius / edge + 1.0 - 1e-6)
+
+
+@njit(cache=True)
+def _middle(p):
+    low, high = p[0], p[0]
+    for k in range(p.shape[0]):
+        low, high = min(low, p[k]), max(high, p[k])
+    return 0.5 * (low + high), 0.5 * (high - low)
+
+
+@njit(cache=True)
+def _box_distances(px, py, pz, x, y, z, half_x, half_y, half_z, distance2):
+    for k in range(px.shape[0]):
+        dx, dy, dz = abs(px[k] - x) - half_x, abs(py[k] - y) - half_y, abs(pz[k] - z) - half_z
+        dx, dy, dz = dx if dx > 0.0 else 0.0, dy if dy > 0.0 else 0.0, dz if dz > 0.0 else 0.0
+        distance2[k] = dx * dx + dy * dy + dz * dz
+
+
+@njit(cache=True)
+def _places_within(distance2, limit2, base, places):
+    # Every place is written, and overwritten by the next one if it was too far: a loop without branches flows.
+    count = 0
+    for k in range(distance2.shape[0]):
+        places[count] = base + k
+        count += 1 if distance2[k] < limit2 else 0
+    return count
+
+
+@njit(cache=True)
+def _places_near(runs, begin, end, points, radius, distance2, places):
+    """Write the places within `radius` of the box around the particles `begin` to `end`; return how many."""
+    px, py, pz = points[0], points[1], points[2]
+    x, half_x = _middle(px[begin:end])
+    y, half_y = _middle(py[begin:end])
+    z, half_z = _middle(pz[begin:end])
+    limit2, count = (radius * (1.0 + 1e-6)) ** 2, 0
+    for r in range(runs.shape[0]):
+        a, b = runs[r, 0], runs[r, 1]
+        _box_distances(px[a:b], py[a:b], pz[a:b], x, y, z, half_x, half_y, half_z, distance2)
+        count += _places_within(distance2[: b - a], limit2, a, places[count:])
+    return count
+
+
+@njit(cache=True)
+def _distances(px, py, pz, x, y, z, distance2):
+    for k in range(px.shape[0]):
+        dx, dy, dz = px[k] - x, py[k] - y, pz[k] - z
+        distance2[k] = dx * dx + dy * dy + dz * dz
+
+
+@njit(cache=True)
+def _metric_distances(near, metric, x, y, z, own, distance2):
+    for k in range(near.shape[1]):
+        dx, dy, dz = near[0, k] - x, near[1, k] - y, near[2, k] - z
+        distance2[k] = (
+            0.5 * (own[0] + metric[0, k]) * dx * dx
+            + 0.5 * (own[1] + metric[1, k]) * dy * dy
+            + 0.5 * (own[2] + metric[2, k]) * dz * dz
+            + (own[3] + metric[3, k]) * dx * dy
+            + (own[4] + metric[4, k]) * dy * dz
+            + (own[5] + metric[5, k]) * dx * dz
+        )
+
+
+@njit(cache=True)
+def _names_within(distance2, cutoff2, name, found):
+    count = 0
+    for k in range(distance2.shape[0]):
+        found[count] = name[k]
+        count += 1 if distance2[k] < cutoff2 else 0
+    return count
+
+
+@njit(cache=True)
+def _count_within(distance2, cutoff2):
+    count = 0
+    for k in range(distance2.shape[0]):
+        count += 1 if distance2[k] < cutoff2 else 0
+    return count
+
+
+@njit(cache=True, parallel=True)
+def _list(g, order, cell, points, first, shape, edge, radius, cutoff2, fill, start, index, counts):
+    n = order.shape[0]
+    sphere = g.shape[0] == 0
+    most_runs = (2 * _reach_of(radius, edge[1]) + 1) * (2 * _reach_of(radius, edge[2]) + 1)
+    for chunk in prange((n + CHUNK - 1) // CHUNK):
+        runs = np.empty((most_runs, 2), dtype=np.int64)
+        room = 0
+        near, metric, distance2 = np.empty((3, room)), np.empty((6, room)), np.empty(room)
+        name, found = np.empty(room, dtype=np.int32), np.empty(room, dtype=np.int32)
+        slot, last = chunk * CHUNK, min(n, (chunk + 1) * CHUNK)
+        while slot < last:
+            home = cell[order[slot]]
+            begin, end = slot, first[home + 1]
+            slot = end
+            if begin > first[home]:
+                continue  # the chunk before has this cell
+            n_runs, most = _runs_near(home, first, shape, edge, radius, runs)
+            if most > room:
+                room = 2 * most
+                near, metric, distance2 = np.empty((3, room)), np.empty((6, room)), np.empty(room)
+                name, found = np.empty(room, dtype=np.int32), np.empty(room, dtype=np.int32)
+            # All that can be near the cell's particles, side by side, so that the loops over it are long and plain.
+            m = _places_near(runs[:n_runs], begin, end, points, radius, distance2, found)
+            own = 0
+            for k in range(m):
+                place = found[k]
+                own = k if place == begin else own
+                name[k] = order[place]
+                near[0, k], near[1, k], near[2, k] = points[0, place], points[1, place], points[2, place]
+            if not sphere:
+                for k in range(m):
+                    for c in range(6):
+                        metric[c, k] = g[name[k], c]
+            for place in range(begin, end):
+                i = order[place]
+                x, y, z = points[0, place], points[1, place], points[2, place]
+                if sphere:
+                    _distances(near[0, :m], near[1, :m], near[2, :m], x, y, z, distance2)
+                else:
+                    _metric_distances(near[:, :m], metric, x, y, z, g[i], distance2)
+                distance2[own + place - begin] = np.inf  # itself
+                if fill:
+                    count = _names_within(distance2[:m], cutoff2, name, found)
+                    row = index[start[i] : start[i + 1]]
+                    for k in range(count):
+                        row[k] = found[k]
+                else:
+                    counts[i] = _count_within(distance2[:m], cutoff2)

@@ -1,0 +1,150 @@
+"""Neighbour lists and pair weights against brute force, on charges of awkward shapes."""
+
+import numba
+import numpy as np
+import pytest
+
+from ppmc.solver.kernel_shape import full, inverse_shape
+from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, cell_order, weigh_pairs
+
+from .blocks import lattice, wendland_weight
+
+CUTOFF, H = 2.86, 1.3
+
+
+def random_cloud(n: int, size: tuple[float, float, float], seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(0.0, 1.0, (n, 3)) * np.array(size) - 3.0
+
+
+CLOUDS = {
+    "random box": random_cloud(700, (9.0, 7.0, 11.0)),
+    "thin layer": random_cloud(300, (30.0, 25.0, 0.0)),
+    "line": random_cloud(60, (0.0, 50.0, 0.0)),
+    "two": np.array([[0.0, 0.0, 0.0], [1.0, 0.5, 0.0]]),
+    "single": np.array([[3.0, -2.0, 1.0]]),
+    "all apart": lattice((4, 4, 4)) * 10.0,
+    "far outlier": np.vstack([random_cloud(200, (6.0, 6.0, 6.0)), [[400.0, -300.0, 5.0]]]),
+    "crowded": random_cloud(400, (1.5, 1.5, 1.5)),
+    "duplicates": np.repeat(random_cloud(150, (6.0, 6.0, 6.0)), 2, axis=0),
+    "lattice on the cells' edges": lattice((9, 6, 5)) * CUTOFF / 2.0,
+    "far from the origin": random_cloud(300, (6.0, 6.0, 6.0)) + 1e5,
+}
+
+
+def row(holder: NeighbourList | Pairs, i: int) -> slice:
+    end = holder.start[i] + holder.count[i] if isinstance(holder, Pairs) else holder.start[i + 1]
+    return slice(holder.start[i], end)
+
+
+@pytest.mark.parametrize("ordered", [True, False])
+@pytest.mark.parametrize("name", CLOUDS)
+def test_rows_equal_brute_force(name, ordered):
+    x = CLOUDS[name]
+    x = x[cell_order(x, CUTOFF)] if ordered else np.random.default_rng(3).permutation(x)
+    neighbours = build_list(x, CUTOFF, 0.13)
+    pairs = weigh_pairs(neighbours, x, H)
+    distance = np.linalg.norm(x[:, None] - x[None], axis=2)
+    for i in range(len(x)):
+        listed = neighbours.index[row(neighbours, i)]
+        others = np.delete(np.arange(len(x)), i)
+        # A pair that lies at the cutoff to the last bit may be listed or not.
+        certain = others[distance[i, others] < CUTOFF * (1.0 - 1e-12)]
+        possible = others[distance[i, others] < CUTOFF * (1.0 + 1e-12)]
+        assert len(set(listed)) == len(listed)
+        assert set(certain) <= set(listed) <= set(possible)
+        weighed = pairs.index[row(pairs, i)]
+        near = others[(distance[i, others] > 0.0) & (distance[i, others] < 2.0 * H)]
+        assert sorted(weighed) == sorted(near)
+        np.testing.assert_allclose(pairs.weight[row(pairs, i)], wendland_weight(distance[i, weighed], H), atol=1e-8)
+
+
+def as_matrix(pairs: Pairs) -> np.ndarray:
+    n = len(pairs.count)
+    matrix = np.zeros((n, n))
+    for i in range(n):
+        matrix[i, pairs.index[row(pairs, i)]] = pairs.weight[row(pairs, i)]
+    return matrix
+
+
+@pytest.mark.parametrize("name", ["random box", "thin layer", "duplicates", "far from the origin"])
+def test_weights_are_symmetric_to_the_last_bit(name):
+    x = CLOUDS[name]
+    matrix = as_matrix(weigh_pairs(build_list(x, CUTOFF, 0.13), x, H))
+    np.testing.assert_array_equal(matrix, matrix.T)
+
+
+@pytest.mark.parametrize("longest", [0, 1, 2])
+def test_rows_in_a_metric_equal_brute_force(longest):
+    # Extents differ, so that the cells count the axes in another order than the tensors do.
+    size = np.roll([14.0, 9.0, 6.0], longest)
+    x = random_cloud(500, tuple(size))
+    rng = np.random.default_rng(5)
+    axes = np.linalg.qr(rng.normal(size=(500, 3, 3)))[0]
+    values = rng.uniform(0.5, 2.0, (500, 3))
+    values /= np.cbrt(np.prod(values, axis=1))[:, None]
+    tensors = np.einsum("nab,nb,ncb->nac", axes, values**2, axes)
+    shape = tensors.reshape(-1, 9)[:, [0, 4, 8, 1, 5, 2]]
+    metric, reach = inverse_shape(np.ascontiguousarray(shape))
+    neighbours = build_list(x, CUTOFF, 0.13, metric, reach)
+    pairs = weigh_pairs(neighbours, x, H, metric)
+    matrix = as_matrix(pairs)
+    np.testing.assert_array_equal(matrix, matrix.T)
+    d = x[None] - x[:, None]
+    inverse = full(metric)
+    squared = np.einsum("ija,ijab,ijb->ij", d, 0.5 * (inverse[:, None] + inverse[None]), d)
+    np.fill_diagonal(squared, np.inf)
+    for i in range(len(x)):
+        assert sorted(neighbours.index[row(neighbours, i)]) == sorted(np.flatnonzero(squared[i] < CUTOFF**2))
+    expected = np.where(squared < (2.0 * H) ** 2, wendland_weight(np.sqrt(squared), H), 0.0)
+    np.testing.assert_allclose(matrix, expected, atol=1e-8)
+
+
+def test_order_keeps_neighbours_close_along_the_longest_extent():
+    x = random_cloud(4000, (40.0, 10.0, 10.0))
+    for axis in range(3):
+        turned = np.ascontiguousarray(np.roll(x, axis, axis=1))
+        turned = turned[cell_order(turned, CUTOFF)]
+        neighbours = build_list(turned, CUTOFF, 0.13)
+        owner = np.repeat(np.arange(len(x)), np.diff(neighbours.start))
+        # Two layers of cells of a charge 40 long.
+        assert np.abs(owner - neighbours.index).max() < 4000 * 2.0 * CUTOFF / 40.0 * 1.2
+
+
+def test_sorting_again_changes_nothing():
+    x = CLOUDS["random box"]
+    x = x[cell_order(x, CUTOFF)]
+    np.testing.assert_array_equal(cell_order(x, CUTOFF), np.arange(len(x)))
+
+
+@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="needs two threads")
+def test_lists_are_the_same_to_the_last_bit_with_one_and_two_threads():
+    x = lattice((14, 12, 12), jitter=0.3)
+    before, found = numba.get_num_threads(), []
+    try:
+        for threads in (1, 2):
+            numba.set_num_threads(threads)
+            neighbours = build_list(x, CUTOFF, 0.13)
+            found.append((neighbours, weigh_pairs(neighbours, x, H)))
+    finally:
+        numba.set_num_threads(before)
+    (one, weighed_one), (two, weighed_two) = found
+    np.testing.assert_array_equal(one.start, two.start)
+    np.testing.assert_array_equal(one.index, two.index)
+    np.testing.assert_array_equal(one.blocks.offset, two.blocks.offset)
+    for i in range(len(x)):
+        assert weighed_one.count[i] == weighed_two.count[i]
+        np.testing.assert_array_equal(weighed_one.index[row(weighed_one, i)], weighed_two.index[row(weighed_two, i)])
+        np.testing.assert_array_equal(weighed_one.weight[row(weighed_one, i)], weighed_two.weight[row(weighed_two, i)])
+
+
+def test_blocks_cover_all_rows_and_their_windows_all_neighbours():
+    x = lattice((30, 10, 10), jitter=0.3)
+    neighbours = build_list(x[cell_order(x, CUTOFF)], CUTOFF, 0.13)
+    blocks = neighbours.blocks
+    assert len(blocks.low) > 2
+    assert blocks.rows[0] == 0
+    assert blocks.rows[-1] == len(x)
+    for b in range(len(blocks.low)):
+        reached = neighbours.index[neighbours.start[blocks.rows[b]] : neighbours.start[blocks.rows[b + 1]]]
+        assert reached.min() >= blocks.low[b]
+        assert reached.max() < blocks.low[b] + blocks.offset[b + 1] - blocks.offset[b]
