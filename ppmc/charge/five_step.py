@@ -1,7 +1,9 @@
 """The papers' five steps: fill one layer of a charge with randomly placed platelets (A, section 4).
 
 1. Begin at a randomly chosen cell that no platelet holds.
-2. Draw an angle; near a wall, only angles at which the walls cut off no more than allowed.
+2. Draw an angle; near a wall, only angles at which the walls cut off no more than allowed. Next to a wall there may be
+   none: such cells are left to their neighbours' platelets, and at last to those of step 5, which take an angle at
+   which they extend least far beyond the wall.
 3. Find the cells whose centres lie in the length x width rectangle round that cell.
 4. If all of them are free, they become a platelet. Otherwise start over.
 5. After many failures in a row, incomplete platelets are allowed: they take the free cells of their rectangle.
@@ -25,44 +27,74 @@ COMPLETE, INCOMPLETE, CUT_BY_WALL = 0, 1, 2
 
 DRAWS_OF_AN_ANGLE = 32
 TABLE = 180
-# Overhang is the share of a 9 x 9 grid of points on the rectangle, corners included, that is outside.
-GRID = 9
+# Extents beyond a wall that differ by less, mm, are equal.
+EQUAL = 1e-6
+# Overhang is summed over a grid of points on the rectangle by the trapezoidal rule; edges and corners are on it, so
+# that it is zero for rectangles inside, and for these alone.
+GRID = 17
 
 
 @njit
-def overhang(owner, dx, dy, j0, i0, length, width, cosine, sine):  # type: ignore[no-untyped-def]
-    """Return the share of a rectangle round cell (j0, i0) that lies outside the layer."""
+def overhang(owner, dx, dy, j0, i0, length, width, cosine, sine, enough):  # type: ignore[no-untyped-def]
+    """Return the share of a rectangle round cell (j0, i0) that lies outside the layer; what is found once > enough."""
     ny, nx = owner.shape
-    out = 0
+    out = 0.0
     for a in range(GRID):
         u = length * (a / (GRID - 1) - 0.5)
+        column = 0.5 if a in (0, GRID - 1) else 1.0
         for b in range(GRID):
             v = width * (b / (GRID - 1) - 0.5)
             # The tiny shrink keeps a rectangle that just touches a wall inside it.
             i = math.floor(i0 + 0.5 + (u * cosine - v * sine) * (1.0 - 1e-9) / dx)
             j = math.floor(j0 + 0.5 + (u * sine + v * cosine) * (1.0 - 1e-9) / dy)
             if i < 0 or j < 0 or i >= nx or j >= ny or owner[j, i] == OUTSIDE:
-                out += 1
-    return out / (GRID * GRID)
+                out += column * (0.5 if b in (0, GRID - 1) else 1.0)
+        if out > enough * (GRID - 1) ** 2:
+            break
+    return out / (GRID - 1) ** 2
 
 
 @njit
-def least_overhang_angle(owner, dx, dy, j0, i0, length, width, softness, state):  # type: ignore[no-untyped-def]
-    """Return an angle drawn from those, degree by degree, that hang out no more than allowed, or least of all."""
-    shares = np.empty(TABLE)
-    least = 2.0
+def extent_beyond(beyond, pad, dx, dy, j0, i0, length, width, cosine, sine):  # type: ignore[no-untyped-def]
+    """Return how far a rectangle round cell (j0, i0) extends beyond the walls, mm; zero or less if it does not.
+
+    `beyond` is the signed distance from the layer, positive outside, at the cells of a grid that is wider than the
+    layer by `pad` cells on all sides; it is interpolated linearly.
+    """
+    farthest = -math.inf
+    for a in range(GRID):
+        u = length * (a / (GRID - 1) - 0.5)
+        # The rim alone: no inner point is farther out.
+        for b in range(0, GRID, 1 if a in (0, GRID - 1) else GRID - 1):
+            v = width * (b / (GRID - 1) - 0.5)
+            x, y = pad + i0 + (u * cosine - v * sine) / dx, pad + j0 + (u * sine + v * cosine) / dy
+            i, j = math.floor(x), math.floor(y)
+            s, t = x - i, y - j
+            low = (1.0 - s) * beyond[j, i] + s * beyond[j, i + 1]
+            high = (1.0 - s) * beyond[j + 1, i] + s * beyond[j + 1, i + 1]
+            farthest = max(farthest, (1.0 - t) * low + t * high)
+    return farthest
+
+
+@njit
+def angle_at_wall(owner, beyond, pad, dx, dy, j0, i0, length, width, softness, state):  # type: ignore[no-untyped-def]
+    """Return an angle drawn, degree by degree, from those that walls allow; if there are none, that extend least."""
+    cost = np.empty(TABLE)
+    least = math.inf
     for k in range(TABLE):
-        angle = k * math.pi / TABLE
-        shares[k] = overhang(owner, dx, dy, j0, i0, length, width, math.cos(angle), math.sin(angle))
-        least = min(least, shares[k])
-    bound = max(least, softness) + 1e-12
+        cosine, sine = math.cos(k * math.pi / TABLE), math.sin(k * math.pi / TABLE)
+        if overhang(owner, dx, dy, j0, i0, length, width, cosine, sine, softness) <= softness:
+            cost[k] = 0.0
+        else:
+            cost[k] = max(extent_beyond(beyond, pad, dx, dy, j0, i0, length, width, cosine, sine), 2.0 * EQUAL)
+        least = min(least, cost[k])
     allowed = 0
     for k in range(TABLE):
-        if shares[k] <= bound:
+        if cost[k] <= least + EQUAL:
             allowed += 1
     chosen = next_below(state, allowed)
     for k in range(TABLE):
-        if shares[k] <= bound:
+        if cost[k] <= least + EQUAL:
             if chosen == 0:
                 return k * math.pi / TABLE
             chosen -= 1
@@ -95,15 +127,17 @@ def collect_cells(owner, dx, dy, j0, i0, length, width, cosine, sine, cells):  #
 
 
 @njit
-def fill_layer(owner, clearance, dx, dy, lengths, widths, softness, attempts, first_id, state):  # type: ignore[no-untyped-def]
+def fill_layer(owner, beyond, pad, dx, dy, lengths, widths, softness, attempts, first_id, state):  # type: ignore[no-untyped-def]
     """Fill a layer with platelets.
 
     Parameters
     ----------
     owner : ndarray, shape (ny, nx), int64
         FREE, OUTSIDE, ON_EDGE, or a platelet's id; free cells are filled in.
-    clearance : ndarray, shape (ny, nx)
-        A distance from each cell within which there is no wall.
+    beyond : ndarray, shape (ny + 2 pad, nx + 2 pad)
+        Signed distance from the layer, positive outside of it, at the cells of a wider grid, mm.
+    pad : int
+        How many cells that grid is wider on each side; more than half a platelet's diagonal.
     dx, dy : float
         Cell edges.
     lengths, widths : ndarray, shape (m,)
@@ -146,12 +180,12 @@ def fill_layer(owner, clearance, dx, dy, lengths, widths, softness, attempts, fi
         j0, i0 = c // nx, c % nx
         length, width = lengths[made], widths[made]
         angle, share = 0.0, 0.0
-        near_wall = clearance[j0, i0] < 0.5 * math.sqrt(length**2 + width**2)
+        near_wall = -beyond[pad + j0, pad + i0] < 0.5 * math.sqrt(length**2 + width**2) + EQUAL
         fits = False
         for _ in range(DRAWS_OF_AN_ANGLE if near_wall else 1):
             angle = next_uniform(state) * math.pi
             if near_wall:
-                share = overhang(owner, dx, dy, j0, i0, length, width, math.cos(angle), math.sin(angle))
+                share = overhang(owner, dx, dy, j0, i0, length, width, math.cos(angle), math.sin(angle), softness)
             if share <= softness:
                 fits = True
                 break
@@ -160,8 +194,8 @@ def fill_layer(owner, clearance, dx, dy, lengths, widths, softness, attempts, fi
                 failures += 1
                 incomplete = failures > attempts
                 continue
-            angle = least_overhang_angle(owner, dx, dy, j0, i0, length, width, softness, state)
-            share = overhang(owner, dx, dy, j0, i0, length, width, math.cos(angle), math.sin(angle))
+            angle = angle_at_wall(owner, beyond, pad, dx, dy, j0, i0, length, width, softness, state)
+            share = overhang(owner, dx, dy, j0, i0, length, width, math.cos(angle), math.sin(angle), 0.0)
         found, blocked = collect_cells(owner, dx, dy, j0, i0, length, width, math.cos(angle), math.sin(angle), cells)
         if blocked and not incomplete:
             failures += 1

@@ -86,12 +86,13 @@ def random_platelets(section: PlateletsOrientation, lattice: Lattice, generator:
     state = np.array([generator.integers(0, 2**64, dtype=np.uint64)])
     standing, p, r, kinds = _standing(section, bands, lattice.spacing, span, lengths, widths, state)
     owner = np.empty((len(bands), ny, nx), dtype=np.int64)
+    pad = int(0.5 * np.hypot(lengths.max(), widths.max()) / min(dx, dy)) + 3
     for k, band in enumerate(bands):
         layer = np.where(band, np.where(standing[k] >= 0, ON_EDGE, FREE), OUTSIDE).astype(np.int64)
         order = generator.permutation(cells)
         angles, layer_kinds = fill_layer(
-            layer, _clearance(band, dx, dy), dx, dy, lengths[order], widths[order], section.wall_softness,
-            section.attempts, len(kinds), state,
+            layer, distance_beyond(band, pad, dx, dy), pad, dx, dy, lengths[order], widths[order],
+            section.wall_softness, section.attempts, len(kinds), state,
         )  # fmt: skip
         flat = np.zeros((len(angles), 3))
         flat[:, 0], flat[:, 1] = np.cos(angles), np.sin(angles)
@@ -121,12 +122,22 @@ def statistics(ids: NDArray[np.int64], kinds: NDArray[np.int8], lattice: Lattice
     return notes
 
 
-def _clearance(band: NDArray[np.bool_], dx: float, dy: float) -> Array:
-    """Return for each cell a distance within which the layer has no wall, shape (ny, nx)."""
+def distance_beyond(band: NDArray[np.bool_], pad: int, dx: float, dy: float) -> Array:
+    """Return the signed distance from a layer, positive outside, shape (ny + 2 pad, nx + 2 pad), mm; pad at least 1.
+
+    Straight walls along the axes are met exactly; others within a cell.
+    """
     from scipy.ndimage import distance_transform_edt
 
-    distance = distance_transform_edt(np.pad(band, 1), sampling=(dy, dx))[1:-1, 1:-1]
-    return distance - 0.5 * np.hypot(dx, dy)
+    wide = np.pad(band, pad)
+    out = np.empty(wide.shape)
+    j, i = np.indices(wide.shape)
+    for inside, sign in ((wide, -1.0), (~wide, 1.0)):
+        distance, (to_j, to_i) = distance_transform_edt(inside, sampling=(dy, dx), return_indices=True)
+        # Between centres of cells; the wall is half a cell before the other centre.
+        across = (np.abs(to_i - i) * dx**2 + np.abs(to_j - j) * dy**2) / np.maximum(distance, 1e-300)
+        out[inside] = sign * (distance - 0.5 * across)[inside]
+    return out
 
 
 def _standing(
