@@ -37,6 +37,9 @@ class VoxelSource(Protocol):
     def read(self, name: str, region: tuple[slice, slice, slice]) -> NDArray[Any]:
         """Return a block of a field, shape (z, y, x[, component])."""
 
+    def read_points(self, name: str, region: tuple[slice, slice, slice], points: NDArray[Any]) -> NDArray[Any]:
+        """Return a field at voxels (z, y, x) of a block, shape (n[, component]); `points` count from its first."""
+
 
 @dataclass(frozen=True)
 class NearestMap:
@@ -185,9 +188,7 @@ def read_voxels_at(
     components = 3 if name in ("fibre_direction", "platelet_normal") else 1
     out = np.empty((len(voxel), components) if components > 1 else len(voxel))
     for block, members in _slabs(voxel[:, ::-1], np.zeros(3), source.grid.shape, 4 * components, slab_bytes):
-        data = source.read(name, block)
-        at = voxel[members] - [s.start for s in block]
-        out[members] = data[at[:, 0], at[:, 1], at[:, 2]]
+        out[members] = source.read_points(name, block, voxel[members] - [s.start for s in block])
     return out
 
 

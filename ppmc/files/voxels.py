@@ -167,6 +167,28 @@ class VoxelFile:
         check_values(values, spec, data.name, self.path)
         return np.asarray(values)
 
+    def read_points(self, name: str, index: Index, points: NDArray[np.integer[Any]]) -> NDArray[Any]:
+        """Return a field at some voxels of a part, shape (n[, components]); only these are verified.
+
+        Parameters
+        ----------
+        name : str
+            The field.
+        index : tuple of three slices
+            The part that is read, (z, y, x).
+        points : ndarray, shape (n, 3), int
+            Voxels (z, y, x), counted from the part's first one.
+
+        Raises
+        ------
+        InputFileError
+            If the field is missing, or one of the values breaks its contract.
+        """
+        data = dataset_of(self._file, f"VTKHDF/PointData/{name}", self.path)
+        values = data[index][tuple(np.asarray(points).T)]
+        check_values(values, field(self.product, name), data.name, self.path)
+        return np.asarray(values)
+
     def verify(self) -> None:
         """Read all fields slab by slab, and verify every value.
 

@@ -37,6 +37,7 @@ def fake_file(shape=(9, 11, 13), spacing=(0.5, 0.4, 0.7), origin=(1.0, -2.0, 3.0
         return part
 
     file.read, file.data = read, data
+    file.read_points = lambda name, block, points: file.read(name, block)[tuple(points.T)]
     return file
 
 

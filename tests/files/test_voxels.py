@@ -38,6 +38,21 @@ def test_round_trip_in_parts(tmp_path: Path) -> None:
         assert np.array_equal(p, fields()["fibre_direction"]) and np.array_equal(r, fields()["platelet_normal"])
 
 
+def test_points_are_read_and_verified_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # As in a file too large to be verified as it is opened.
+    monkeypatch.setattr("ppmc.files.voxels.VERIFIED_WHOLE", 0)
+    path = tmp_path / "o.vtkhdf"
+    write_voxels(path, "orientations", fields(), grid=GRID, provenance=ORIGIN)
+    with h5py.File(path, "r+") as f:
+        f["VTKHDF/PointData/fibre_direction"][2, 1, 3] = 7.0
+    part, at = (slice(1, 3), slice(1, 4), slice(None)), np.array([[0, 2, 4], [1, 1, 0]])
+    with read_voxels(path, "orientations") as f:
+        taken = f.read_points("fibre_direction", part, at)
+        assert np.array_equal(taken, fields()["fibre_direction"][[1, 2], [3, 2], [4, 0]])
+        with pytest.raises(InputFileError, match=r"fibre_direction\[1\] = .* unit length"):
+            f.read_points("fibre_direction", part, np.array([[0, 0, 0], [1, 0, 3]]))
+
+
 def test_slabs_equal_whole(tmp_path: Path) -> None:
     whole, slabs = tmp_path / "whole.vtkhdf", tmp_path / "slabs.vtkhdf"
     write_voxels(whole, "orientations", fields(), grid=GRID, provenance=ORIGIN)
