@@ -118,10 +118,7 @@ class TensorModel:
         transposed = np.swapaxes(L, -1, -2)
         D, W = 0.5 * (L + transposed), 0.5 * (L - transposed)
         fourth = CLOSURES[self.closure](A)
-        strained = fourth
-        if self.strain_reduction < 1.0:
-            strained = fourth + (1.0 - self.strain_reduction) * _strain_reduction(A, fourth)
-        flow = D @ A + A @ D - 2.0 * np.einsum("...ijkl,...kl->...ij", strained, D)
+        flow = D @ A + A @ D - 2.0 * np.einsum("...ijkl,...kl->...ij", fourth, D)
         out = W @ A - A @ W + self.shape_factor * flow
         if self.diffusion is not None:
             shear_rate = np.sqrt(2.0 * np.einsum("...ij,...ij->...", D, D))
@@ -129,11 +126,16 @@ class TensorModel:
             trace = np.trace(C, axis1=-2, axis2=-1)[..., None, None]
             contracted = np.einsum("...ijkl,...kl->...ij", fourth, C)
             spread = 2.0 * C - 2.0 * trace * A - 5.0 * (C @ A + A @ C) + 10.0 * contracted
-            out = out + self.strain_reduction * shear_rate[..., None, None] * spread
+            out = out + shear_rate[..., None, None] * spread
+        if self.strain_reduction < 1.0:
+            out = out - (1.0 - self.strain_reduction) * _stretching(A, out)
         return np.asarray(out)
 
     def normal_rate(self, second: Array, velocity_gradient: Array) -> Array:
-        """Return dN/dt under L: the rate of A under −Lᵀ (J A2)."""
+        """Return dN/dt under L: the rate of A under −Lᵀ (J A2).
+
+        Diffusion tensors that name D meet −D here, as every other term does.
+        """
         return self.rate(second, -np.swapaxes(np.asarray(velocity_gradient), -1, -2))
 
 
@@ -223,13 +225,15 @@ def _step(
     return at, error
 
 
-def _strain_reduction(second: Array, fourth: Array) -> Array:
-    """Return 𝕃 − 𝕄:𝔸 with 𝕃 = Σ λ_i e_i e_i e_i e_i and 𝕄 = Σ e_i e_i e_i e_i in A's principal axes."""
-    values, axes = np.linalg.eigh(second)
-    dyads = np.einsum("...ik,...jk->...kij", axes, axes)
-    L = np.einsum("...k,...kij,...kmn->...ijmn", values, dyads, dyads)
-    contracted = np.einsum("...kpq,...pqmn->...kmn", dyads, fourth)
-    return np.asarray(L - np.einsum("...kij,...kmn->...ijmn", dyads, contracted))
+def _stretching(second: Array, rate: Array) -> Array:
+    """Return 𝕄:rate with 𝕄 = Σ e_i e_i e_i e_i in A's principal axes: the part of a rate that changes eigenvalues.
+
+    What the reduced strain closure slows down is this part and nothing else, whichever diffusion is on: for
+    anisotropic diffusion the result is the ARD-RSC model (Phelps and Tucker 2009).
+    """
+    axes = np.linalg.eigh(second)[1]
+    along = np.einsum("...ik,...ij,...jk->...k", axes, rate, axes)
+    return np.asarray(np.einsum("...ik,...k,...jk->...ij", axes, along, axes))
 
 
 def _safe(values: Array) -> Array:

@@ -5,7 +5,16 @@ import pytest
 
 from ppmc.errors import NumericalError
 from ppmc.orientation.closures import affine_tensors
-from ppmc.orientation.tensor_ode import FolgarTucker, ImprovedArd, PhelpsTucker, PrincipalArd, TensorModel, integrate
+from ppmc.orientation.fitted_closures import CLOSURES
+from ppmc.orientation.tensor_ode import (
+    FolgarTucker,
+    ImprovedArd,
+    PhelpsTucker,
+    PrincipalArd,
+    RotaryDiffusion,
+    TensorModel,
+    integrate,
+)
 
 SHEAR = np.array([[0.0, 1, 0], [0, 0, 0], [0, 0, 0]])
 ISOTROPIC = np.eye(3) / 3
@@ -51,15 +60,42 @@ def test_anisotropic_diffusion_contains_the_isotropic_one() -> None:
     assert np.allclose(isotropic, textbook, atol=1e-13)
 
 
-def test_reduced_strain_slows_eigenvalues_only() -> None:
+DIFFUSIONS = (FolgarTucker(0.01), PhelpsTucker(1e-3, 2e-2, 1e-2, 3e-3, 1e-3), ImprovedArd(0.02, 0.6), None)
+
+
+@pytest.mark.parametrize("diffusion", DIFFUSIONS, ids=lambda d: type(d).__name__)
+def test_reduced_strain_slows_eigenvalues_only(diffusion: RotaryDiffusion | None) -> None:
     """Wang, O'Gara and Tucker's definition: eigenvalue rates times κ, eigenvectors turn as before."""
-    full = TensorModel(diffusion=FolgarTucker(0.01))
-    slow = TensorModel(diffusion=FolgarTucker(0.01), strain_reduction=0.1)
+    full = TensorModel(diffusion=diffusion)
+    slow = TensorModel(diffusion=diffusion, strain_reduction=0.1)
     axes = np.linalg.eigh(A)[1]
     a, b = (axes.T @ m.rate(A, L) @ axes for m in (full, slow))
     assert np.allclose(np.diag(b), 0.1 * np.diag(a), atol=1e-13)
     off = ~np.eye(3, dtype=bool)
     assert np.allclose(b[off], a[off], atol=1e-13)
+
+
+def test_ard_with_reduced_strain_is_the_published_equation() -> None:
+    """Phelps and Tucker (2009), ARD-RSC with 𝕃, 𝕄 and C written out."""
+    kappa, diffusion = 0.2, PhelpsTucker(1e-3, 2e-2, 1e-2, 3e-3, 1e-3)
+    D, W = 0.5 * (L + L.T), 0.5 * (L - L.T)
+    shear_rate = np.sqrt(2 * np.sum(D * D))
+    C, A4 = diffusion.tensor(A, D, shear_rate), CLOSURES["ibof"](A)
+    values, axes = np.linalg.eigh(A)
+    e = axes.T
+    L4 = np.einsum("k,ki,kj,km,kn->ijmn", values, e, e, e, e)
+    M4 = np.einsum("ki,kj,km,kn->ijmn", e, e, e, e)
+    reduced = A4 + (1 - kappa) * (L4 - np.einsum("ijkl,klmn->ijmn", M4, A4))
+
+    def dot(fourth: np.ndarray, second: np.ndarray) -> np.ndarray:
+        return np.asarray(np.einsum("ijkl,kl->ij", fourth, second))
+
+    published = W @ A - A @ W + D @ A + A @ D - 2 * dot(reduced, D)
+    published += shear_rate * (
+        2 * (C - (1 - kappa) * dot(M4, C)) - 2 * kappa * np.trace(C) * A - 5 * (C @ A + A @ C) + 10 * dot(reduced, C)
+    )
+    model = TensorModel("ibof", diffusion=diffusion, strain_reduction=kappa)
+    assert np.abs(model.rate(A, L) - published).max() < 1e-13
 
 
 def test_diffusion_alone_ends_in_isotropy_under_no_flow_gradient_of_shape() -> None:
