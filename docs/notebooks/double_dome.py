@@ -21,7 +21,7 @@
 import numpy as np
 
 from ppmc.analysis.explore import path_averages, path_figure
-from ppmc.analysis.local import local_frames, localise, material_normals
+from ppmc.analysis.local import local_frames, localise, material_normals, turned_to
 from ppmc.analysis.paths import swept_path
 from ppmc.analysis.samples import Samples
 from ppmc.orientation import push_affine
@@ -79,7 +79,7 @@ path_figure(path, charge, moulded)
 # The normal of each region is the platelets' own mean normal here; `ppmc analyze` takes that of the nearest tool.
 
 # %%
-normals = material_normals(path_averages(path, moulded).normal_tensor, up=[0, 1, 0])
+normals = turned_to(material_normals(path_averages(path, moulded).normal_tensor), up=[0, 1, 0])
 local = localise(path, normals, [0, 0, 1], "the platelets")
 path_figure(local, charge, moulded)
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ppmc.analysis.build import build_path, build_regions
+from ppmc.analysis.mesh import read_mesh
 from ppmc.analysis.regions import Region
 from ppmc.analysis.rendering import probe
 from ppmc.analysis.sources import Source
-from ppmc.analysis.structural import read_mesh
 
 if TYPE_CHECKING:
     from ppmc.scene import Scene

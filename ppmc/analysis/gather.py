@@ -10,14 +10,15 @@ import numpy as np
 
 from ppmc.analysis.averages import RegionAverages
 from ppmc.analysis.build import build_path, build_regions, tool_normals
-from ppmc.analysis.ensemble import ensemble, particle_difference
-from ppmc.analysis.fill import cells_around, fill_times, overlap
+from ppmc.analysis.comparisons import compare_runs, compare_with_mask, compare_with_part
+from ppmc.analysis.ensemble import ensemble
+from ppmc.analysis.fill import CELL_IN_SPACINGS, fill_times
 from ppmc.analysis.kinematics import Kinematics, kinematics
 from ppmc.analysis.knit import find_knit_lines
-from ppmc.analysis.local import localise, material_normals
+from ppmc.analysis.local import localise, material_normals, turned_to
+from ppmc.analysis.occupancy import cells_around
 from ppmc.analysis.paths import AXIS_NAMES
-from ppmc.analysis.results import Analysed, Comparison, FlowMaps, Results, press_force
-from ppmc.analysis.samples import Samples
+from ppmc.analysis.results import Analysed, FlowMaps, Results, press_force
 from ppmc.analysis.sources import Source, charge_source, flow_source, orientations_source, truth_source
 from ppmc.files import ParticleFile, SeriesFile, VoxelFile
 
@@ -88,9 +89,13 @@ def gather(scene: Scene, section: AnalysisSection, opened: Opened) -> Results:
         )
     if opened.flow is not None:
         _add_flow(results, opened.flow)
-        results.comparisons = [_compare(opened.flow, label, file) for label, file in opened.compare]
+        axis = AXIS_NAMES.index(section.front.axis)
+        results.comparisons = [compare_runs(opened.flow, label, file, axis) for label, file in opened.compare]
         if opened.moulded is not None:
-            results.comparisons.append(_compare_with_part(opened.flow, opened.moulded))
+            results.comparisons.append(compare_with_part(opened.flow, opened.moulded, MOULDED, axis))
+        mask = section.front.mask
+        if mask is not None:
+            results.comparisons.append(compare_with_mask(opened.flow, scene.locate(mask.path), mask, axis))
     return results
 
 
@@ -161,11 +166,12 @@ def _add_local_paths(scene: Scene, section: AnalysisSection, results: Results, s
         if spec.kind != "swept" or not spec.local:
             continue
         axial = np.eye(3)[AXIS_NAMES.index(spec.along)]
+        up = np.eye(3)[3 - AXIS_NAMES.index(spec.along) - AXIS_NAMES.index(spec.sweep)]
         normals, origin = tool_normals(scene, last.paths[k].centroid, last.source.time or 0.0), "the nearest tool"
         if normals is None:
-            third = 3 - AXIS_NAMES.index(spec.along) - AXIS_NAMES.index(spec.sweep)
-            normals = material_normals(last.paths[k].normal_tensor, np.eye(3)[third])
+            normals = material_normals(last.paths[k].normal_tensor)
             origin = "the platelets, as no tool is known"
+        normals = turned_to(normals, up)
         results.paths = (*results.paths, localise(path, normals, axial, origin))
         for entries in (results.analysed, seeds):
             entries[:] = [replace(e, paths=(*e.paths, e.paths[k])) for e in entries]
@@ -181,7 +187,8 @@ def _add_flow(results: Results, flow: SeriesFile) -> None:
         results.notes.append("The flow file carries neither platelet_normal nor in_plane_direction: N is not known.")
     source = flow_source(flow, -1)
     last = next(source.parts())
-    cells = cells_around((last.positions, flow.frame(0, ())["position"]), source.spacing)
+    ends = (last.positions, flow.frame(0, ())["position"])
+    cells = cells_around(ends, 0.5 * source.spacing, CELL_IN_SPACINGS * source.spacing)
     times = fill_times(_positions(flow), cells, last.positions) if len(flow.times) > 1 else None
     if last.fibre_direction is None:
         return
@@ -207,33 +214,3 @@ def _kinematics_of(flow: SeriesFile, k: int) -> Kinematics:
     values = flow.frame(k, names)
     F, J = values.get("deformation_gradient"), values.get("volume_ratio")
     return kinematics(flow.times[k], flow.static["volume"], values["position"], F, J)
-
-
-def _compare(flow: SeriesFile, label: str, other: SeriesFile) -> Comparison:
-    """Compare the last frames of two runs: the space they fill, and particle by particle if they are the same."""
-    a, b = (_last(file) for file in (flow, other))
-    cells = cells_around((a.positions, b.positions), max(a.spacing, b.spacing))
-    shared = overlap(cells.occupied(a.positions), cells.occupied(b.positions))
-    same = len(a) == len(b) and np.allclose(a.fields["reference_position"], b.fields["reference_position"], atol=1e-6)
-    p, q = a.fibre_direction, b.fibre_direction
-    if not same or p is None or q is None:
-        nothing = np.empty((0, 3))
-        return Comparison(label, particle_difference((nothing, np.empty((1, 3))), (nothing, nothing), shared), False)
-    return Comparison(label, particle_difference((a.positions, b.positions), (p, q), shared), True)
-
-
-def _compare_with_part(flow: SeriesFile, part: VoxelFile) -> Comparison:
-    """Compare the space that the last frame fills with the measured part; there are no particles to pair."""
-    last, source = _last(flow), orientations_source(part, MOULDED)
-    corners = [last.positions, np.array([source.lower, source.upper])] if source.count else [last.positions]
-    cells = cells_around(corners, max(last.spacing, source.spacing))
-    filled = np.zeros(cells.shape, dtype=bool)
-    for voxels in source.parts():
-        filled |= cells.occupied(voxels.positions)
-    shared, nothing = overlap(cells.occupied(last.positions), filled), np.empty((0, 3))
-    difference = particle_difference((nothing, np.empty((1, 3))), (nothing, nothing), shared)
-    return Comparison(MOULDED, difference, False)
-
-
-def _last(file: SeriesFile) -> Samples:
-    return next(flow_source(file, -1).parts())

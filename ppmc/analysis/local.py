@@ -69,8 +69,8 @@ def localise(path: InspectionPath, normals: ArrayLike, axial: ArrayLike, origin:
     )
 
 
-def material_normals(normal_tensor: ArrayLike, up: ArrayLike) -> Array:
-    """Return the direction N is largest in, shape (m, 3), turned to the side of `up`; NaN where N is unknown.
+def material_normals(normal_tensor: ArrayLike) -> Array:
+    """Return the direction N is largest in, shape (m, 3), of either sign; NaN where N is unknown.
 
     The platelets' own mean normal stands in where no tool is known.
     """
@@ -78,9 +78,17 @@ def material_normals(normal_tensor: ArrayLike, up: ArrayLike) -> Array:
     out = np.full(N.shape[:-1], np.nan)
     known = np.isfinite(N).all(axis=(-1, -2))
     if known.any():
-        n = np.linalg.eigh(N[known])[1][..., -1]
-        out[known] = n * np.where(n @ np.asarray(up, dtype=np.float64) < 0, -1.0, 1.0)[..., None]
+        out[known] = np.linalg.eigh(N[known])[1][..., -1]
     return out
+
+
+def turned_to(normals: ArrayLike, up: ArrayLike) -> Array:
+    """Return normals, shape (m, 3), turned to the side of `up`.
+
+    The nearest tool may lie above here and below there; without this the shear components would change sign between.
+    """
+    n = np.asarray(normals, dtype=np.float64)
+    return np.asarray(n * np.where(n @ np.asarray(up, dtype=np.float64) < 0, -1.0, 1.0)[..., None])
 
 
 def nearest_normals(distances: Array, normals: Array) -> Array:

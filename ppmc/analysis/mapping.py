@@ -1,27 +1,25 @@
-"""From particles or voxels to the elements of a structural mesh: nearest neighbour, or a conservative average.
+"""From particles or voxels to the elements of a structural mesh: nearest neighbour, or averages over the elements.
 
-Nearest neighbour is the papers' way (J section IV, A section 4): vectors have no average. The conservative way gives
-every particle wholly
-to the element whose centre is nearest, so that volumes add up; it yields tensors, and their principal axes as
-directions.
+Nearest neighbour is the papers' way (J section IV, A section 4): vectors have no average. The average gives every
+particle wholly to one element, so that volumes add up; it yields tensors, and their principal axes as directions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmc.analysis.averages import FOURTH, from_fourth
+from ppmc.analysis.averages import RegionAverages, RegionSums
+from ppmc.analysis.moments import N_SUMS, sum_owned
 from ppmc.analysis.samples import Samples
 from ppmc.errors import InputFileError
-from ppmc.orientation import from_six, normalise, to_six
+from ppmc.orientation import normalise
 
 Array = NDArray[np.float64]
-Method = Literal["nearest", "average"]
+Owners = Callable[[Array], NDArray[np.int64]]
 
 
 @dataclass(frozen=True)
@@ -34,15 +32,17 @@ class MappedElements:
         p, q = r × p, r; orthonormal. NaN where nothing is known.
     fibre_tensor, normal_tensor : ndarray, shape (m, 3, 3)
         A and N: of the one nearest point, or averages.
-    fibre_tensor4 : ndarray, shape (m, 3, 3, 3, 3)
-        𝔸, likewise.
+    fibre_tensor4, normal_tensor4 : ndarray, shape (m, 3, 3, 3, 3)
+        𝔸 and ℕ, likewise.
+    fibre_spread, normal_spread : ndarray, shape (m, 3, 3)
+        Standard deviation of p_i p_j and r_i r_j over the element; zero for a single point.
     distance : ndarray, shape (m,)
         From the element's centre to the nearest point, mm.
     particle_count : ndarray, shape (m,)
         Points averaged; 1 for nearest neighbour. 0 marks elements that took the nearest point for want of any of
         their own.
     material_volume : ndarray, shape (m,)
-        Volume of these points, mm³; adds up to the whole for the conservative average.
+        Volume of these points, mm³; adds up to the whole for averages.
     """
 
     fibre_direction: Array
@@ -51,12 +51,15 @@ class MappedElements:
     fibre_tensor: Array
     normal_tensor: Array
     fibre_tensor4: Array
+    normal_tensor4: Array
+    fibre_spread: Array
+    normal_spread: Array
     distance: Array
     particle_count: NDArray[np.int64]
     material_volume: Array
 
 
-def map_to_elements(centres: Array, parts: Iterable[Samples], method: Method = "nearest") -> MappedElements:
+def map_to_elements(centres: Array, parts: Iterable[Samples], owners: Owners | None = None) -> MappedElements:
     """Map directions to elements.
 
     Parameters
@@ -65,8 +68,9 @@ def map_to_elements(centres: Array, parts: Iterable[Samples], method: Method = "
         Element centres, mm.
     parts : iterable of Samples
         The points, in disjoint parts that fit memory one at a time.
-    method : {"nearest", "average"}
-        Nearest point, or conservative average.
+    owners : callable, optional
+        Gives the element that each place, shape (n, 3), belongs to: averages. Without it every element takes the
+        nearest point.
 
     Raises
     ------
@@ -78,8 +82,7 @@ def map_to_elements(centres: Array, parts: Iterable[Samples], method: Method = "
     m = len(centres)
     distance = np.full(m, np.inf)
     p, r, volume = np.full((m, 3), np.nan), np.full((m, 3), np.nan), np.zeros(m)
-    sums, count = np.zeros((m, 28)), np.zeros(m, dtype=np.int64)
-    elements = cKDTree(centres) if method == "average" else None
+    sums = np.zeros((m, N_SUMS))
     for part in parts:
         if not len(part) or part.fibre_direction is None:
             continue
@@ -90,32 +93,30 @@ def map_to_elements(centres: Array, parts: Iterable[Samples], method: Method = "
         p[nearer], volume[nearer] = part.fibre_direction[at], part.volume[at]
         if part.platelet_normal is not None:
             r[nearer] = part.platelet_normal[at]
-        if elements is not None:
-            owner = elements.query(part.positions)[1]
-            _accumulate(sums, owner, part)
-            count += np.bincount(owner, minlength=m)
+        if owners is not None:
+            owner = owners(part.positions)
+            sums += sum_owned(part.positions, part.volume, part.fibre_direction, part.platelet_normal, owner, m)
     if not np.isfinite(distance).any():
         raise InputFileError("there is no point with a known direction to map from")
-    A, N = p[:, :, None] * p[:, None, :], r[:, :, None] * r[:, None, :]
-    A4 = A[:, :, :, None, None] * A[:, None, None, :, :]
-    if elements is None:
-        return _with_frames(p, r, A, N, A4, distance, np.ones(m, dtype=np.int64), volume)
+    nearest = sum_owned(centres, np.ones(m), p, r, np.arange(m), m)
+    if owners is None:
+        return _with_frames(p, r, RegionSums((), nearest).averages(), distance, np.ones(m, dtype=np.int64), volume)
+    count = sums[:, 0].astype(np.int64)
     own = count > 0
-    with np.errstate(invalid="ignore", divide="ignore"):
-        means = sums / sums[:, 12:13]
-    A[own], N[own], A4[own] = from_six(means[own, :6]), from_six(means[own, 6:12]), from_fourth(means[own, 13:])
-    p[own] = np.linalg.eigh(A[own])[1][..., -1]
-    whole = own & np.isfinite(N).all(axis=(1, 2))
-    r[whole] = np.linalg.eigh(N[whole])[1][..., -1]
-    return _with_frames(p, r, A, N, A4, distance, count, sums[:, 12].copy())
+    # What no particle lies in takes the nearest point's tensors, without a volume of its own.
+    averages = RegionSums((), np.where(own[:, None], sums, nearest)).averages()
+    for v, tensor in ((p, averages.fibre_tensor), (r, averages.normal_tensor)):
+        known = own & np.isfinite(tensor).all(axis=(1, 2))
+        v[known] = np.linalg.eigh(tensor[known])[1][..., -1]
+    return _with_frames(p, r, averages, distance, count, sums[:, 1].copy())
 
 
 def abaqus_distribution(mapped: MappedElements, element_numbers: NDArray[np.int64], name: str = "ppmc") -> str:
     """Return the lines that give each element its local axes 1 = p, 2 = q in Abaqus.
 
     A ``*DISTRIBUTION`` of six numbers an element (a point on axis 1 and one in the 1-2 plane) with the
-    ``*ORIENTATION`` that uses it; include it in
-    the input file. Elements whose directions are not known keep the default first line.
+    ``*ORIENTATION`` that uses it; include it in the input file, and name it in ``*SOLID SECTION, ORIENTATION``.
+    Elements whose directions are not known keep the default first line.
     """
     lines = [
         f"*DISTRIBUTION TABLE, NAME={name}_table",
@@ -131,31 +132,10 @@ def abaqus_distribution(mapped: MappedElements, element_numbers: NDArray[np.int6
     return "\n".join(lines) + "\n"
 
 
-def _accumulate(sums: Array, owner: NDArray[np.int64], part: Samples) -> None:
-    """Add V p p, V r r, V and the 15 components of V p p p p of every point to the sums of its element."""
-    p = part.fibre_direction
-    r = part.platelet_normal
-    m = len(sums)
-    for start, v in ((0, p), (6, r)):
-        if v is None:
-            sums[:, start : start + 6] = np.nan
-            continue
-        dyads = to_six(v[:, :, None] * v[:, None, :])
-        for k in range(6):
-            sums[:, start + k] += np.bincount(owner, weights=part.volume * dyads[:, k], minlength=m)
-    sums[:, 12] += np.bincount(owner, weights=part.volume, minlength=m)
-    if p is not None:
-        for k, (a, b, c, d) in enumerate(FOURTH):
-            weights = part.volume * p[:, a] * p[:, b] * p[:, c] * p[:, d]
-            sums[:, 13 + k] += np.bincount(owner, weights=weights, minlength=m)
-
-
 def _with_frames(
     p: Array,
     r: Array,
-    A: Array,
-    N: Array,
-    A4: Array,
+    averages: RegionAverages,
     distance: Array,
     count: NDArray[np.int64],
     volume: Array,
@@ -164,4 +144,7 @@ def _with_frames(
     with np.errstate(invalid="ignore"):
         r = np.asarray(normalise(r - np.sum(r * p, axis=1, keepdims=True) * p), dtype=np.float64)
         q = np.cross(r, p)
-    return MappedElements(p, q, r, A, N, A4, distance, count, volume)
+    axes = {"fibre_direction": p, "in_plane_direction": q, "platelet_normal": r}
+    own = {"distance": distance, "particle_count": count, "material_volume": volume}
+    shared = {f.name: getattr(averages, f.name) for f in fields(MappedElements) if f.name not in {*axes, *own}}
+    return MappedElements(**axes, **own, **shared)  # type: ignore[arg-type]

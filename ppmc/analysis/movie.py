@@ -1,4 +1,4 @@
-"""The filling as a moving picture: fibres along x1 by colour, a frame a time step."""
+"""The filling as a moving picture: one component of the fibre direction by colour, a frame a time step."""
 
 from __future__ import annotations
 
@@ -6,18 +6,22 @@ import io
 
 import numpy as np
 
+from ppmc.analysis.figures import Picture
+from ppmc.analysis.plots import figure
 from ppmc.analysis.rendering import PointsView, render
 from ppmc.analysis.sources import flow_source
-from ppmc.analysis.views import BALL, COLOURS, cloud_bounds, outer_points
+from ppmc.analysis.views import BALL, COLOURS, Panel, cloud_bounds, colour_bars, outer_points
 from ppmc.files import SeriesFile
 
 FRAMES = 24
 MILLISECONDS = 160
 SIZE = (640, 480)
+DPI = 100
+COLOURS_IN_GIF = 128
 
 
-def filling_movie(flow: SeriesFile, component: int = 0) -> bytes | None:
-    """Return an animated GIF of p_i² from start to end; None where VTK cannot draw.
+def filling_movie(flow: SeriesFile, component: int = 0) -> Picture | None:
+    """Return an animated GIF of p_i² from start to end, each frame with its time; None where VTK cannot draw.
 
     Parameters
     ----------
@@ -37,9 +41,32 @@ def filling_movie(flow: SeriesFile, component: int = 0) -> bytes | None:
         seen = outer_points(values["position"], spacing)
         share = values["fibre_direction"][seen, component] ** 2
         jobs.append(PointsView(values["position"][seen], share, BALL * spacing, (0, 1), COLOURS, bounds, size=SIZE))
-    images = [Image.open(io.BytesIO(png)).convert("P") for png in render(jobs).images if png is not None]
-    if len(images) < len(jobs):
+    drawn = [png for png in render(jobs).images if png is not None]
+    if len(drawn) < len(jobs):
         return None
+    images = [
+        Image.open(io.BytesIO(_framed(png, component, float(flow.times[k])))).convert("RGB").quantize(COLOURS_IN_GIF)
+        for png, k in zip(drawn, chosen, strict=True)
+    ]
     stream = io.BytesIO()
     images[0].save(stream, "GIF", save_all=True, append_images=images[1:], duration=MILLISECONDS, loop=0)
+    caption = (
+        f"Filling: p_{component + 1}² [–] of all {flow.n:,} particles, {len(chosen)} of {len(flow.times)} frames, "
+        f"t = {flow.times[0]:.4g} s to {flow.times[-1]:.4g} s. Axes x1, x2, x3 in mm."
+    )
+    return Picture("filling", "Views", caption, stream.getvalue(), "gif")
+
+
+def _framed(png: bytes, component: int, time: float) -> bytes:
+    """Return the picture under its time and beside its colour bar."""
+    from matplotlib import image
+
+    drawing = figure((SIZE[0] + 110) / DPI, (SIZE[1] + 60) / DPI)
+    ax = drawing.subplots()
+    ax.imshow(image.imread(io.BytesIO(png), format="png"))
+    ax.set_axis_off()
+    ax.set_title(f"t = {time:.4f} s", fontsize=11)
+    colour_bars(drawing, [ax], [Panel("", np.empty(0), f"$p_{component + 1}^2$ [–]")])
+    stream = io.BytesIO()
+    drawing.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
     return stream.getvalue()

@@ -10,17 +10,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ppmc.analysis.figures import Picture
 from ppmc.analysis.local import COMPONENTS
-from ppmc.analysis.mapping import abaqus_distribution
+from ppmc.analysis.mesh_output import write_mapped
 from ppmc.analysis.panels import scalar_maps, squares
 from ppmc.analysis.regions import Region
-from ppmc.analysis.report import InputFile, Picture, flat_summary, write_report
+from ppmc.analysis.report import InputFile, write_report
 from ppmc.analysis.results import Results
 from ppmc.analysis.scene_html import scene_page
 from ppmc.analysis.structural import MappedMesh
+from ppmc.analysis.summary import flat_summary
 from ppmc.analysis.tables import (
     comparison_table,
     difference_table,
+    element_table,
     ensemble_table,
     fourth_table,
     kinematics_table,
@@ -48,9 +51,7 @@ def write_results(
     inputs: Sequence[InputFile],
     own: Provenance,
     output: Path,
-    *,
     mapped: Mapping[str, MappedMesh] | None = None,
-    movie: bytes | None = None,
 ) -> None:
     """Write all results beside `output`; it comes last, so its presence says that everything is there.
 
@@ -64,11 +65,12 @@ def write_results(
     for name, table in tables.items():
         _write_text(folder / "tables" / f"{name}.csv", table.to_csv(index=False, float_format="%.9g"))
     for name, picture in zip(file_names([picture.name for picture in pictures]), pictures, strict=True):
-        _write_bytes(folder / "figures" / f"{name}.png", picture.png)
-    if movie is not None:
-        _write_bytes(folder / "figures" / "filling.gif", movie)
+        _write_bytes(folder / "figures" / f"{name}.{picture.kind}", picture.image)
     for label, mesh in (mapped or {}).items():
-        _write_mesh(mesh, folder, "mapped" if label == "input" else file_names([f"mapped_{label}"])[0])
+        name = "mapped" if label == "input" else file_names([f"mapped_{label}"])[0]
+        write_mapped(mesh, folder, name, section.mesh.formats if section.mesh is not None else ())
+        elements = element_table(mesh).to_csv(index=False, float_format="%.9g")
+        _write_text(folder / "tables" / f"{name}_elements.csv", elements)
     if section.interactive and results.frames:
         _write_scene_page(scene, section, results, folder)
     summary = {
@@ -79,7 +81,7 @@ def write_results(
     }
     _write_text(folder / "analysis.json", json.dumps(to_json_ready(summary), indent=1))
     title = f"ppmc analysis: {scene.name}"
-    page = write_report(title, scene.description, results, pictures, inputs, own, mapped=mapped, movie=movie)
+    page = write_report(title, scene.description, results, pictures, inputs, own, mapped)
     _write_text(folder / "report.html", page)
     _write_series(results, own, output)
 
@@ -144,24 +146,6 @@ def _write_text(path: Path, text: str) -> None:
 def _write_bytes(path: Path, data: bytes) -> None:
     with whole_file(path) as temporary:
         temporary.write_bytes(data)
-
-
-def _write_mesh(mapped: MappedMesh, folder: Path, name: str) -> None:
-    """Write ``<name>.vtu`` with the element data and ``<name>_axes.inp`` with Abaqus' element axes."""
-    import meshio
-
-    data, at = mapped.cell_data(), 0
-    cuts = []
-    for _, cells in mapped.mesh.blocks:
-        cuts.append(slice(at, at + len(cells)))
-        at += len(cells)
-    cell_data = {key: [values[cut] for cut in cuts] for key, values in data.items()}
-    with whole_file(folder / f"{name}.vtu") as temporary:
-        meshio.write(
-            temporary, meshio.Mesh(mapped.mesh.points, mapped.mesh.blocks, cell_data=cell_data), file_format="vtu"
-        )
-    numbers = np.arange(1, at + 1)
-    _write_text(folder / f"{name}_axes.inp", abaqus_distribution(mapped.elements, numbers))
 
 
 def _write_scene_page(scene: Scene, section: AnalysisSection, results: Results, folder: Path) -> None:

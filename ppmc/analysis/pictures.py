@@ -1,113 +1,38 @@
-"""The figures of a report, drawn from results: each with a caption that says what, units, region and count."""
+"""The three-dimensional figures of a report: which views the scene asks for, with what they show in words."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ppmc.analysis import panels
-from ppmc.analysis.plots import PathSeries, plot_kinematics, plot_path, plot_press_force, plot_region_history
-from ppmc.analysis.report import Picture, describe_counts
-from ppmc.analysis.results import Analysed, Results, scalar_series
+from ppmc.analysis.figures import Picture, to_png
+from ppmc.analysis.results import Analysed, Results
 from ppmc.analysis.samples import Samples
 from ppmc.analysis.views import CloudView, Panel, draw_clouds
 
 if TYPE_CHECKING:
     from ppmc.scene.analysis import AnalysisSection
 
-DPI = 110
 CAPTIONS = {
     "fibre_direction": "Squares of the components of the fibre direction p, p_i² [–]",
     "platelet_normal": "Squares of the components of the platelet normal r, r_i² [–]",
     "dominant_direction": "Points split by the axis nearest to their fibre, coloured by p_i² [–]",
+    "iso_surface": "The part split by the axis its fibres favour: closed surfaces around the pieces in which A_ii, "
+    "averaged over about two spacings, is the largest of the three, coloured by that A_ii [–] from 1/3 to 1",
     "platelets": "Platelets, neighbours told apart by colour (which has no other meaning) [–]",
     "maps": "Largest principal stretch λ1 [–], platelet shear angle [°], volume ratio J [–], as far as known",
 }
-MAKERS: dict[str, Callable[[Samples], list[Panel]]] = {
-    "fibre_direction": lambda s: panels.squares(s, "fibre_direction"),
-    "platelet_normal": lambda s: panels.squares(s, "platelet_normal"),
-    "dominant_direction": panels.dominant,
-    "platelets": panels.platelets,
-    "maps": panels.scalar_maps,
+MAKERS: dict[str, Callable[[Samples, float], list[Panel]]] = {
+    "fibre_direction": lambda s, _: panels.squares(s, "fibre_direction"),
+    "platelet_normal": lambda s, _: panels.squares(s, "platelet_normal"),
+    "dominant_direction": lambda s, _: panels.dominant(s),
+    "iso_surface": panels.dominant_split,
+    "platelets": lambda s, _: panels.platelets(s),
+    "maps": lambda s, _: panels.scalar_maps(s),
 }
-
-
-def to_png(drawing: Figure) -> bytes:
-    """Return a figure as PNG, without dates, so that equal results give equal bytes."""
-    stream = io.BytesIO()
-    drawing.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
-    return stream.getvalue()
-
-
-def draw_curves(results: Results) -> list[Picture]:
-    """Draw path plots, tensors in time, J and F, and press force."""
-    pictures = []
-    for k, path in enumerate(results.paths):
-        entries = results.shown
-        series, band = _path_series(results, k)
-        caption = (
-            f"Path '{path.name}': {path.description}. Diagonal of A (fibre directions) and N (platelet normals) [–] "
-            f"in components {', '.join(path.components)}; volume averages over each region. {band} "
-            f"Gaps and grey strokes at the foot: no material. {describe_counts(entries)}."
-        )
-        pictures.append(Picture(f"path_{path.name}", "Paths", caption, to_png(plot_path(path, series))))
-    frames = results.frames
-    if len(frames) > 2:
-        times = [e.source.time or 0.0 for e in frames]
-        for k, region in enumerate(results.regions):
-            fibre, normal = scalar_series(frames, k, "fibre_tensor"), scalar_series(frames, k, "normal_tensor")
-            caption = (
-                f"A_ii and N_ii [–] in time, region '{region.name}' ({region.describe()}), fixed in space. "
-                f"{describe_counts(frames[:1])}."
-            )
-            drawing = plot_region_history(times, fibre, normal)
-            pictures.append(Picture(f"history_{region.name}", "Regions", caption, to_png(drawing)))
-    if len(results.kinematics) > 1:
-        caption = (
-            "Left: volume ratio J = det F [–], mean, 1 % to 99 % band, extremes. Right: diagonal of the mean "
-            "deformation gradient [–] ± one standard deviation over particles. "
-            f"All {results.kinematics[0].particle_count:,} particles, volume-weighted."
-        )
-        drawing = plot_kinematics(results.kinematics)
-        pictures.append(Picture("kinematics", "Deformation and volume", caption, to_png(drawing)))
-    if results.press_force is not None:
-        force = results.press_force
-        caption = (
-            f"Magnitude of the force on each tool [N] against time [s], {force.origin} of the flow file "
-            f"({len(force.time):,} values)."
-        )
-        pictures.append(
-            Picture("press_force", "Press force", caption, to_png(plot_press_force(force.time, force.forces)))
-        )
-    return pictures
-
-
-def _path_series(results: Results, k: int) -> tuple[list[PathSeries], str]:
-    """Return the lines of a path plot and what its band means: spread over seeds, else standard error of the input."""
-    series = []
-    main = results.frames[-1] if results.frames else None
-    ensembles = results.path_seeds
-    with_error = False
-    for entry in results.shown:
-        if entry is main and ensembles:
-            continue
-        a = results.path_averages(entry, k)
-        error = entry is main and bool(np.isfinite(a.effective_platelets).any())
-        with_error |= error
-        bands = (a.fibre_error, a.normal_error) if error else (None, None)
-        series.append(PathSeries(entry.source.title, a.fibre_tensor, a.normal_tensor, *bands))
-    if ensembles:
-        e = ensembles[k]
-        title = f"mean of {e.runs} seeds"
-        series.append(PathSeries(title, e.fibre_mean, e.normal_mean, e.fibre_spread, e.normal_spread))
-        return series, f"Band: ± one standard deviation between {e.runs} runs with different seeds."
-    if with_error:
-        return series, "Band: ± one standard error of the last state, every platelet counted once."
-    return series, "No band, as platelets are not numbered in this input."
 
 
 def draw_views(results: Results, section: AnalysisSection) -> tuple[list[Picture], str | None]:
@@ -126,6 +51,8 @@ def draw_views(results: Results, section: AnalysisSection) -> tuple[list[Picture
         if not (measured and entry.source.product == "volume"):
             jobs += _source_views(entry, section, last=bool(results.frames) and entry is results.frames[-1])
     jobs += _flow_views(results, section)
+    if "difference" in section.views:
+        jobs += _difference_views(results)
     figures, reason = draw_clouds([view for *_, view in jobs])
     return [
         Picture(name, heading, caption, to_png(drawing))
@@ -142,7 +69,7 @@ def _source_views(entry: Analysed, section: AnalysisSection, last: bool) -> list
     counted = f"{source.title}, whole file, {source.count:,} points{thin}. Axes x1, x2, x3 in mm."
     suffix = (source.label + ("" if source.time is None else f"_t{source.time:.6g}")).replace(" ", "_")
     for name in section.views:
-        shown = MAKERS[name](samples) if name in MAKERS and len(samples) else []
+        shown = MAKERS[name](samples, spacing) if name in MAKERS and len(samples) else []
         if shown and not (name == "maps" and not last):
             jobs.append(
                 (
@@ -193,4 +120,21 @@ def _flow_views(results: Results, section: AnalysisSection) -> list[tuple[str, s
             "line A_cc [–] (0: nothing reinforces it) and of normals N_cc [–]."
         )
         jobs.append(("knit_line", "Filling and knit lines", caption, view))
+    return jobs
+
+
+def _difference_views(results: Results) -> list[tuple[str, str, str, CloudView]]:
+    maps = results.flow_maps
+    if maps is None:
+        return []
+    jobs = []
+    for c in results.comparisons:
+        shown = panels.differences(c)
+        if shown:
+            caption = (
+                f"Input beside run '{c.label}', last states: distance of each particle to itself [mm] and angle "
+                f"between its fibre directions [°], drawn where the input has them; {c.particle_count:,} particles."
+            )
+            view = CloudView(maps.samples.positions, maps.spacing, shown)
+            jobs.append((f"difference_{c.label}", "Other runs", caption, view))
     return jobs

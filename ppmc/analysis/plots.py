@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from ppmc.analysis.comparisons import FrontView
 from ppmc.analysis.kinematics import Kinematics
 from ppmc.analysis.paths import InspectionPath
 
@@ -203,4 +204,33 @@ def plot_region_history(times: Sequence[float], fibre: np.ndarray, normal: np.nd
             ax.set_xlabel("time [s]")
             ax.set_ylabel(f"{'fibre' if symbol == 'A' else 'normal'} tensor {symbol} [–]")
             ax.legend(frameon=False, fontsize=8)
+        return drawing
+
+
+def plot_front(view: FrontView, first: str, second: str) -> Figure:
+    """Draw two silhouettes over each other: what both cover, and what only one of them does."""
+    import matplotlib as mpl
+    from matplotlib.colors import to_rgb
+    from matplotlib.patches import Patch
+
+    one, two = view.input >= 0.5, view.other >= 0.5
+    kinds = (
+        ("both", "0.75", one & two),
+        (f"{first} only", COLOURS[0], one & ~two),
+        (f"{second} only", COLOURS[4], ~one & two),
+    )
+    pixels = np.ones((*view.input.shape[::-1], 3))
+    for _, colour, where in kinds:
+        pixels[where.T] = to_rgb(colour)
+    left, right, low, high = view.extent
+    with mpl.rc_context(STYLE):
+        drawing = figure(8.0, float(np.clip(8.0 * (high - low) / (right - left), 2.0, 8.0)) + 1.0)
+        ax = drawing.subplots()
+        ax.imshow(pixels, origin="lower", extent=view.extent, interpolation="nearest")
+        names = [f"x{k + 1} [mm]" for k in range(3) if k != view.axis]
+        ax.set_xlabel(names[0])
+        ax.set_ylabel(names[1])
+        ax.grid(False)
+        patches = [Patch(facecolor=colour, label=label.replace("$", r"\$")) for label, colour, _ in kinds]
+        drawing.legend(handles=patches, loc="outside upper center", ncols=3, frameon=False)
         return drawing

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+SHORT_AXIS = 0.15  # of the longest; ticks on a shorter one would print over each other
+
 
 def draw(job: dict[str, Any], folder: Path) -> None:
     """Draw one job to ``<number>.png``."""
@@ -18,9 +20,21 @@ def draw(job: dict[str, Any], folder: Path) -> None:
     width, height = job["size"]
     plotter: Any = pv.Plotter(off_screen=True, window_size=[width, height])
     plotter.set_background("white")
-    cloud = pv.PolyData(data["points"])
+    surface = "triangles" in data
+    cloud = (
+        pv.PolyData.from_regular_faces(data["points"], data["triangles"]) if surface else pv.PolyData(data["points"])
+    )
     cloud["value"] = data["values"]
-    if cloud.n_points:
+    if surface and cloud.n_points:
+        plotter.add_mesh(
+            cloud,
+            scalars="value",
+            smooth_shading=True,
+            cmap=job["colours"],
+            clim=job["limits"],
+            show_scalar_bar=False,
+        )
+    elif cloud.n_points:
         plotter.add_mesh(
             cloud,
             scalars="value",
@@ -36,9 +50,11 @@ def draw(job: dict[str, Any], folder: Path) -> None:
         plotter.mapper.scale_factor = job["radius"]
     bounds = job["bounds"] or list(cloud.bounds)
     if width > 100:
+        titles, labels = axis_titles(bounds)
         plotter.show_bounds(
-            bounds=bounds, xtitle="x1 [mm]", ytitle="x2 [mm]", ztitle="x3 [mm]", color="black", font_size=16,
-            n_xlabels=4, n_ylabels=3, n_zlabels=2, location="outer", ticks="outside", use_3d_text=False,
+            bounds=bounds, xtitle=titles[0], ytitle=titles[1], ztitle=titles[2], color="black", font_size=16,
+            n_xlabels=4, n_ylabels=3, n_zlabels=2, show_xlabels=labels[0], show_ylabels=labels[1],
+            show_zlabels=labels[2], location="outer", ticks="outside", use_3d_text=False,
         )  # fmt: skip
     centre = np.array([0.5 * (bounds[0] + bounds[1]), 0.5 * (bounds[2] + bounds[3]), 0.5 * (bounds[4] + bounds[5])])
     plotter.enable_parallel_projection()
@@ -47,6 +63,17 @@ def draw(job: dict[str, Any], folder: Path) -> None:
     plotter.camera.zoom(0.95)
     plotter.screenshot(str(folder / f"{job['number']}.png"))
     plotter.close()
+
+
+def axis_titles(bounds: list[float]) -> tuple[list[str], list[bool]]:
+    """Return the title of each axis and whether its ticks have numbers: a short axis has its ends in the title."""
+    sizes = [bounds[2 * k + 1] - bounds[2 * k] for k in range(3)]
+    labels = [size >= SHORT_AXIS * max(sizes) for size in sizes]
+    titles = [
+        f"x{k + 1} [mm]" if labels[k] else f"x{k + 1} {bounds[2 * k]:.3g} to {bounds[2 * k + 1]:.3g} [mm]"
+        for k in range(3)
+    ]
+    return titles, labels
 
 
 def main(folder: Path) -> None:

@@ -26,7 +26,7 @@ EGL = "vtkEGLRenderWindow"
 
 @dataclass(frozen=True)
 class PointsView:
-    """Points drawn as balls, coloured by a value.
+    """Points drawn as balls, or as the corners of a surface, coloured by a value.
 
     Attributes
     ----------
@@ -44,6 +44,10 @@ class PointsView:
         Frame (xmin, xmax, ymin, ymax, zmin, zmax) so that several pictures share one scale.
     direction : (float, float, float)
         From the object to the eye.
+    size : (int, int)
+        Pixels.
+    triangles : ndarray, shape (m, 3), optional
+        With them the points are the corners of a surface.
     """
 
     points: np.ndarray
@@ -54,6 +58,7 @@ class PointsView:
     bounds: tuple[float, ...] | None = None
     direction: tuple[float, float, float] = (0.9, -1.5, 1.0)
     size: tuple[int, int] = (800, 600)
+    triangles: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -129,7 +134,10 @@ def drawing_environment() -> dict[str, str]:
 
 
 def _store(view: PointsView, folder: Path, k: int) -> dict[str, Any]:
-    np.savez(folder / f"{k}.npz", points=view.points.astype(np.float32), values=view.values.astype(np.float32))
+    arrays = {"points": view.points.astype(np.float32), "values": view.values.astype(np.float32)}
+    if view.triangles is not None:
+        arrays["triangles"] = view.triangles.astype(np.int64)
+    np.savez(folder / f"{k}.npz", **arrays)  # type: ignore[arg-type]
     return {
         "number": k,
         "radius": float(view.radius),

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ppmc.analysis.averages import RegionAverages, in_frames
-from ppmc.analysis.ensemble import Ensemble, RunDifference
+from ppmc.analysis.comparisons import Comparison
+from ppmc.analysis.ensemble import Ensemble
 from ppmc.analysis.kinematics import Kinematics
 from ppmc.analysis.knit import KnitLine
 from ppmc.analysis.paths import InspectionPath
@@ -101,24 +102,6 @@ class FlowMaps:
     spacing: float
     fill_time: np.ndarray | None
     knit: KnitLine
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """The input's last frame beside that of another run.
-
-    Attributes
-    ----------
-    label : str
-        The other run.
-    difference : RunDifference
-    same_particles : bool
-        Whether both runs move the same particles, so that they can be compared one by one.
-    """
-
-    label: str
-    difference: RunDifference
-    same_particles: bool
 
 
 @dataclass

@@ -143,6 +143,19 @@ def truth_source(file: VoxelFile, label: str = "phantom truth") -> Source:
     return _voxel_source(file, label, known)
 
 
+def mask_source(file: VoxelFile, label: str) -> Source:
+    """Return the voxels that a volume's mask marks, without directions.
+
+    Raises
+    ------
+    InputFileError
+        If the volume carries no mask.
+    """
+    if "mask" not in file.names:
+        raise InputFileError(f"{file.path}: has no field 'mask' to compare the flow front with")
+    return _voxel_source(file, label, lambda index: file.read("mask", index) > 0, directions=False)
+
+
 def grid_box(grid: VoxelGrid, low: np.ndarray, high: np.ndarray, name: str, margin: float = 0.0) -> Region | None:
     """Return the box of voxels `low` to `high` (x, y, z; included), shrunk by `margin` mm; None if nothing is left."""
     spacing = np.asarray(grid.spacing)
@@ -187,7 +200,12 @@ def voxel_positions(grid: VoxelGrid, index: tuple[slice, slice, slice], mask: np
     return np.asarray(grid.to_world(np.column_stack([x + index[2].start, y + index[1].start, z + index[0].start])))
 
 
-def _voxel_source(file: VoxelFile, label: str, known: Callable[[tuple[slice, slice, slice]], np.ndarray]) -> Source:
+def _voxel_source(
+    file: VoxelFile,
+    label: str,
+    known: Callable[[tuple[slice, slice, slice]], np.ndarray],
+    directions: bool = True,
+) -> Source:
     count, low, high = occupied_indices(file, known)
     volume = float(np.prod(file.grid.spacing))
     lower = upper = np.full(3, np.nan)
@@ -202,7 +220,9 @@ def _voxel_source(file: VoxelFile, label: str, known: Callable[[tuple[slice, sli
         for index in slabs(file):
             mask = known(index)
             n = int(mask.sum())
-            if n:
+            if n and not directions:
+                yield Samples(label, voxel_positions(file.grid, index, mask), np.full(n, volume))
+            elif n:
                 p = file.read("fibre_direction", index)[mask].astype(float)
                 r = file.read("platelet_normal", index)[mask].astype(float)
                 yield Samples(label, voxel_positions(file.grid, index, mask), np.full(n, volume), p, r)

@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ppmc.analysis.compare import compare_with_truth
+from ppmc.analysis.curves import draw_curves
 from ppmc.analysis.gather import Opened, gather, truth_links
+from ppmc.analysis.mesh import read_mesh
 from ppmc.analysis.movie import filling_movie
 from ppmc.analysis.output import write_results
-from ppmc.analysis.pictures import draw_curves, draw_views
+from ppmc.analysis.pictures import draw_views
 from ppmc.analysis.report import InputFile
-from ppmc.analysis.structural import map_mesh, read_mesh
+from ppmc.analysis.structural import map_mesh
 from ppmc.errors import InputFileError, SceneError
 from ppmc.files import Provenance, SeriesFile, check_output, open_series, read_particles, read_voxels
 from ppmc.files.guard import product_of
@@ -82,7 +84,11 @@ def run(
         )
     named = _named(product, input, volume, orientations, charge)
     mesh_path = scene.locate(section.mesh.path) if section.mesh is not None else None
-    others = [path for path in (moulded, mesh_path) if path is not None]
+    mask = section.front.mask
+    mask_path = scene.locate(mask.path) if mask is not None else None
+    if mask_path is not None and product != "flow":
+        raise SceneError(f"{input}: analysis.front.mask needs a flow to compare with, this file holds '{product}'")
+    others = [path for path in (moulded, mesh_path, mask_path) if path is not None]
     given = [*named.values(), *compare, *seeds, *others]
     check_output(output, given)
     mesh = read_mesh(mesh_path, section.mesh.scale) if mesh_path is not None and section.mesh is not None else None
@@ -109,7 +115,11 @@ def run(
         pictures, reason = draw_views(results, section)
         if reason is not None:
             results.notes.append(f"Views were drawn with matplotlib, as VTK could not be used here: {reason}.")
-        movie = filling_movie(opened.flow) if section.animation and opened.flow is not None else None
+        if section.animation and opened.flow is not None:
+            movie = filling_movie(opened.flow)
+            pictures += [movie] if movie is not None else []
+            if movie is None:
+                results.notes.append("The filling could not be drawn as a moving picture, as VTK could not be used.")
         bar.update(4, "views")
         pictures = draw_curves(results) + pictures
         bar.update(5, "curves")
@@ -118,7 +128,7 @@ def run(
             InputFile(path.name, name, own.inputs.get(path.name, ""), getattr(opened, name).provenance)
             for name, path in named.items()
         ]
-        write_results(scene, section, results, pictures, inputs, own, output, mapped=mapped, movie=movie)
+        write_results(scene, section, results, pictures, inputs, own, output, mapped)
         bar.update(6, "report")
     return output
 

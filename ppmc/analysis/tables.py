@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ppmc.analysis.averages import FOURTH, RegionAverages, fourth_components
+from ppmc.analysis.comparisons import Comparison
 from ppmc.analysis.ensemble import Ensemble
 from ppmc.analysis.kinematics import Kinematics
 from ppmc.analysis.knit import KnitLine
 from ppmc.analysis.paths import InspectionPath
-from ppmc.analysis.results import Analysed, Comparison
+from ppmc.analysis.results import Analysed
+from ppmc.analysis.stiffness import engineering_moduli
+from ppmc.analysis.structural import MappedMesh
 from ppmc.analysis.truth import TruthRow
 from ppmc.orientation import to_six
 
@@ -20,6 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SIX_INDICES = ("11", "22", "33", "12", "23", "13")
+MODULI = ("E1", "E2", "E3", "G12", "G23", "G13")
 FOURTH_INDICES = tuple("".join(str(i + 1) for i in c) for c in FOURTH)
 
 
@@ -163,14 +167,16 @@ def ensemble_table(names: Sequence[str], ensemble: Ensemble) -> pd.DataFrame:
 
 
 def comparison_table(comparisons: Sequence[Comparison]) -> pd.DataFrame:
-    """Return one row a run: overlap of the filled space, and distances and angles particle by particle."""
+    """Return one row a run, part or mask: overlaps of the filled space, distances and angles particle by particle."""
     import pandas as pd
 
     return pd.DataFrame(
         [
             {
                 "run": c.label,
+                "time_s": c.time,
                 "overlap": c.difference.overlap,
+                **{f"overlap_along_x{k + 1}": share for k, share in enumerate(c.seen)},
                 "same_particles": c.same_particles,
                 "distance_mean_mm": c.difference.distance_mean,
                 "distance_p99_mm": c.difference.distance_p99,
@@ -211,3 +217,29 @@ def difference_table(reference: Analysed, others: Sequence[Analysed]) -> pd.Data
             columns |= {f"d_{symbol}{index}": difference[:, k] for k, index in enumerate(SIX_INDICES)}
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames)
+
+
+def element_table(mapped: MappedMesh) -> pd.DataFrame:
+    """Return one row an element of a mesh: place, count, axes p, q, r, A and N of both orders, spread, moduli.
+
+    Second-order tensors by `SIX_INDICES`, fourth-order ones by `FOURTH_INDICES`.
+    """
+    import pandas as pd
+
+    e = mapped.elements
+    columns: dict[str, Any] = {"element": mapped.mesh.numbers}
+    columns |= {f"centre_x{k + 1}_mm": mapped.mesh.centres[:, k] for k in range(3)}
+    columns |= {"particle_count": e.particle_count, "material_volume_mm3": e.material_volume, "distance_mm": e.distance}
+    for symbol, axis in (("p", e.fibre_direction), ("q", e.in_plane_direction), ("r", e.platelet_normal)):
+        columns |= {f"{symbol}{k + 1}": axis[:, k] for k in range(3)}
+    for prefix, tensor in (
+        ("A", e.fibre_tensor), ("N", e.normal_tensor), ("sd_A", e.fibre_spread), ("sd_N", e.normal_spread)
+    ):  # fmt: skip
+        columns |= {f"{prefix}{index}": v for index, v in zip(SIX_INDICES, to_six(tensor).T, strict=True)}
+    for symbol, tensor in (("A", e.fibre_tensor4), ("N", e.normal_tensor4)):
+        components = fourth_components(tensor).T
+        columns |= {f"{symbol}{index}": v for index, v in zip(FOURTH_INDICES, components, strict=True)}
+    if mapped.stiffness is not None:
+        moduli = engineering_moduli(mapped.stiffness).T
+        columns |= {f"{name}_Pa": v for name, v in zip(MODULI, moduli, strict=True)}
+    return pd.DataFrame(columns)

@@ -12,12 +12,14 @@ from matplotlib.figure import Figure
 
 from ppmc.analysis.plots import figure
 from ppmc.analysis.rendering import PointsView, render
+from ppmc.analysis.surfaces import Surface
 
 COLOURS = "viridis"
 EYE = (0.9, -1.5, 1.0)
 MATPLOTLIB_POINTS = 15_000
 MOST_CULLING_CELLS = 50_000_000
 RIM = 8
+PANEL = 5.0  # width of a picture in a row, inch
 BALL = 0.62  # radius of a ball in spacings: neighbours overlap a little, so that no light falls through
 
 
@@ -37,6 +39,8 @@ class Panel:
         Values at the ends of the colour map.
     colours : str
         Name of a colour map.
+    surface : Surface, optional
+        Drawn in place of the points.
     """
 
     title: str
@@ -44,6 +48,7 @@ class Panel:
     label: str
     limits: tuple[float, float] = (0.0, 1.0)
     colours: str = COLOURS
+    surface: Surface | None = None
 
 
 @dataclass(frozen=True)
@@ -88,6 +93,11 @@ def draw_clouds(views: Sequence[CloudView]) -> tuple[list[Figure], str | None]:
     jobs: list[PointsView] = []
     for view in views:
         for panel in view.panels:
+            if panel.surface is not None:
+                s = panel.surface
+                look = (panel.limits, panel.colours, view.frame, view.direction)
+                jobs.append(PointsView(s.points, s.values, 0.0, *look, triangles=s.triangles))
+                continue
             shown = np.flatnonzero(np.isfinite(panel.values))
             seen = shown[outer_points(view.positions[shown], view.spacing)]
             points, values = view.positions[seen], panel.values[seen]
@@ -140,13 +150,13 @@ def _assemble(view: CloudView, images: Sequence[bytes]) -> Figure:
 
     pixels = _trimmed([image.imread(io.BytesIO(png), format="png") for png in images])
     height, width = pixels[0].shape[:2]
-    drawing = figure(4.0 * len(images) + 0.6, min(4.5, 4.0 * height / width + 0.5))
+    drawing = figure(PANEL * len(images) + 0.8, min(1.2 * PANEL, PANEL * height / width + 0.5))
     axes = drawing.subplots(1, len(images), squeeze=False)[0]
     for panel, ax, picture in zip(view.panels, axes, pixels, strict=True):
         ax.imshow(picture)
         ax.set_axis_off()
         ax.set_title(panel.title, fontsize=12)
-    _colour_bars(drawing, axes, view.panels)
+    colour_bars(drawing, axes, view.panels)
     return drawing
 
 
@@ -160,7 +170,8 @@ def _trimmed(pictures: Sequence[np.ndarray]) -> list[np.ndarray]:
     return [picture[top : rows[-1] + RIM, left : columns[-1] + RIM] for picture in pictures]
 
 
-def _colour_bars(drawing: Figure, axes: Sequence[Any], panels: Sequence[Panel]) -> None:
+def colour_bars(drawing: Figure, axes: Sequence[Any], panels: Sequence[Panel]) -> None:
+    """Add a colour bar to each panel, or one for all if they share label and limits."""
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -184,9 +195,12 @@ def _scatter(view: CloudView) -> Figure:
     for k, panel in enumerate(view.panels):
         ax: Any = drawing.add_subplot(1, len(view.panels), k + 1, projection="3d")
         axes.append(ax)
-        shown = rng.permutation(np.flatnonzero(np.isfinite(panel.values)))[:MATPLOTLIB_POINTS]
-        x, low_high = view.positions[shown], {"vmin": panel.limits[0], "vmax": panel.limits[1]}
-        ax.scatter(x[:, 0], x[:, 1], x[:, 2], c=panel.values[shown], cmap=panel.colours, s=4, linewidths=0, **low_high)
+        # Where surfaces cannot be drawn their vertices stand for them.
+        s = panel.surface
+        points, values = (view.positions, panel.values) if s is None else (s.points, s.values)
+        shown = rng.permutation(np.flatnonzero(np.isfinite(values)))[:MATPLOTLIB_POINTS]
+        x, low_high = points[shown], {"vmin": panel.limits[0], "vmax": panel.limits[1]}
+        ax.scatter(x[:, 0], x[:, 1], x[:, 2], c=values[shown], cmap=panel.colours, s=4, linewidths=0, **low_high)
         ax.set_box_aspect(np.maximum(extent, 0.05 * extent.max()))
         ax.view_init(elev=30, azim=-60)
         ax.set_title(panel.title, fontsize=12)
@@ -195,5 +209,5 @@ def _scatter(view: CloudView) -> Figure:
         ax.set_zlabel("x3 [mm]", fontsize=8)
         ax.tick_params(labelsize=7)
         ax.locator_params(axis="z", nbins=3)
-    _colour_bars(drawing, axes, view.panels)
+    colour_bars(drawing, axes, view.panels)
     return drawing

@@ -16,6 +16,7 @@ from ppmc.scene.units import (
     PositiveLength,
     PositiveLengthVector,
     PositivePressure,
+    Time,
 )
 
 # Names become file names and table entries.
@@ -265,8 +266,16 @@ PathSection = Annotated[
 ]
 
 View = Literal[
-    "fibre_direction", "platelet_normal", "dominant_direction", "platelets", "maps", "fill_time", "knit_line"
-]  # fmt: skip
+    "fibre_direction",
+    "platelet_normal",
+    "dominant_direction",
+    "iso_surface",
+    "platelets",
+    "maps",
+    "fill_time",
+    "knit_line",
+    "difference",
+]
 
 
 class CutSection(Section):
@@ -308,10 +317,50 @@ class MeshSection(Section):
     """Factor from the file's lengths to mm; 1000 for a mesh in metres."""
 
     method: Literal["nearest", "average"] = "nearest"
-    """Nearest neighbour (no averaging of vectors, as in the papers), or the conservative average."""
+    """Nearest neighbour (no averaging of vectors, as in the papers), or the average over each element.
+
+    The average is conservative: every particle goes to the element it lies in, or to the closest one.
+    """
+
+    formats: tuple[Literal["vtu", "abaqus", "gmsh"], ...] = ("vtu", "abaqus")
+    """What is written: mapped.vtu; mapped_axes.inp, element axes to include in an Abaqus input; mapped.msh.
+
+    For a mesh that is no Abaqus file the mesh itself goes into mapped.inp too.
+    """
 
     lamina: LaminaSection | None = None
     """With it every element also gets its orientation-averaged stiffness."""
+
+
+class FrontMask(Section):
+    """What the flow front is compared with: a volume's mask, or a picture of the part."""
+
+    path: Path
+    """Volume file (.vtkhdf) with the field mask, or a picture (PNG, TIFF, ...); relative to the scene's folder."""
+
+    time: Time | None = None
+    """Time of the frame to compare (s), such as that of a short shot; the nearest frame counts, the last if left out.
+    """
+
+    origin: tuple[Length, Length] = (0.0, 0.0)
+    """Lower left corner of a picture, in the two axes it shows (mm)."""
+
+    pixel: PositiveLength = 1.0
+    """Edge of a picture's pixel (mm)."""
+
+    material: Literal["bright", "dark"] = "bright"
+    """Whether bright or dark pixels of a picture show material."""
+
+
+class FrontSection(Section):
+    """How the space that the flow fills is compared with that of other runs, the measured part, a mask."""
+
+    axis: AxisName = "x3"
+    """Axis along which pictures look. Seen along x3, x1 runs to the right and x2 up; along x2 x1 and x3; x1 x2 and x3.
+    """
+
+    mask: FrontMask | None = None
+    """Mask of the flow front (D Figs 6 and 7)."""
 
 
 class AnalysisSection(Section):
@@ -337,11 +386,15 @@ class AnalysisSection(Section):
     A tenth of the specimen's smallest extent if left out.
     """
 
-    views: tuple[View, ...] = ("fibre_direction", "platelet_normal", "maps", "fill_time", "knit_line")
+    front: FrontSection = Field(default_factory=FrontSection)
+    """Comparison of the filled space with other runs (--compare), the measured part (--moulded), or a mask."""
+
+    views: tuple[View, ...] = ("fibre_direction", "platelet_normal", "maps", "fill_time", "knit_line", "difference")
     """What is drawn in three dimensions.
 
-    Squares of the components of fibre_direction and platelet_normal at start and end (J Figs 7 to 10); points by
-    dominant_direction (A Fig 4.5); platelets; maps of stretch, shear angle and volume; fill_time; knit_line.
+    Squares of the components of fibre_direction and platelet_normal at start and end (J Figs 7 to 10); the part split
+    by dominant direction, as points (dominant_direction) or as closed surfaces (iso_surface, A Fig 4.5); platelets;
+    maps of stretch, shear angle and volume; fill_time; knit_line; difference to each other run of the same particles.
     """
 
     cuts: dict[Name, CutSection] = Field(default_factory=dict)

@@ -5,8 +5,9 @@ import pytest
 
 from ppmc.analysis.averages import region_averages
 from ppmc.analysis.ensemble import ensemble, particle_difference
-from ppmc.analysis.fill import Cells, cells_around, fill_times, overlap, silhouette
+from ppmc.analysis.fill import fill_times
 from ppmc.analysis.knit import find_knit_lines
+from ppmc.analysis.occupancy import Cells, cells_around
 from ppmc.analysis.regions import box, everything
 from ppmc.analysis.samples import Samples
 
@@ -16,21 +17,10 @@ def lattice(low: tuple[float, ...], high: tuple[float, ...], h: float = 1.0) -> 
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
 
 
-def test_overlap_of_shifted_blocks_is_that_of_their_volumes() -> None:
-    a = lattice((0, 0, 0), (20, 10, 4))
-    b = a + np.array([4.0, 0, 0])
-    cells = Cells(np.zeros(3), 2.0, (12, 5, 2))
-    assert overlap(cells.occupied(a), cells.occupied(b)) == pytest.approx(16 / 24)
-    assert overlap(silhouette(cells.occupied(a), 2), silhouette(cells.occupied(b), 2)) == pytest.approx(16 / 24)
-    assert overlap(cells.occupied(a), cells.occupied(a)) == 1
-    empty = np.zeros((2, 2, 2), dtype=bool)
-    assert np.isnan(overlap(empty, empty))
-
-
 def test_fill_time_of_a_moving_front() -> None:
     """A block that grows at 1 mm/s along x1 from 4 mm: the place x fills at x − 4 s, as fine as cells and frames."""
     frames = [(t, lattice((0, 0, 0), (4 + t, 4, 4))) for t in np.arange(0.0, 9.0)]
-    cells = cells_around([f for _, f in frames], 1.0, 1.0)
+    cells = cells_around([f for _, f in frames], 0.5, 1.0)
     final = frames[-1][1]
     times = fill_times(frames, cells, final)
     expected = np.maximum(np.floor(final[:, 0]) - 3, 0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ppmc.analysis.averages import in_frames, region_averages
-from ppmc.analysis.local import local_frames, localise, material_normals, nearest_normals
+from ppmc.analysis.local import local_frames, localise, material_normals, nearest_normals, turned_to
 from ppmc.analysis.paths import swept_path
 from ppmc.analysis.samples import Samples
 
@@ -48,7 +48,7 @@ def test_slanted_walls_look_plain_in_local_axes() -> None:
     path = swept_path("across", 2, 0, 90, 1, 0, -10, 10, 10)
     s = Samples("roof", x, np.ones(len(x)), p, n)
     a = region_averages(s, path.regions)
-    local = localise(path, material_normals(a.normal_tensor, [0, 1, 0]), [0, 0, 1], "the material")
+    local = localise(path, turned_to(material_normals(a.normal_tensor), [0, 1, 0]), [0, 0, 1], "the material")
     b = in_frames(a, local.frames)
     assert local.components == ("a", "t", "n")
     assert np.allclose(b.fibre_tensor[:, 0, 0], 0.7) and np.allclose(b.fibre_tensor[:, 2, 2], 0, atol=1e-12)
@@ -57,7 +57,7 @@ def test_slanted_walls_look_plain_in_local_axes() -> None:
 
 
 def test_empty_regions_have_no_normal() -> None:
-    assert np.isnan(material_normals(np.full((1, 3, 3), np.nan), [0, 0, 1])).all()
+    assert np.isnan(turned_to(material_normals(np.full((1, 3, 3), np.nan)), [0, 0, 1])).all()
 
 
 def test_nearest_tool_gives_the_normal() -> None:

@@ -3,7 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ppmc.analysis.averages import region_averages
 from ppmc.analysis.mapping import abaqus_distribution, map_to_elements
+from ppmc.analysis.regions import box
 from ppmc.analysis.samples import Samples
 from ppmc.analysis.stiffness import Lamina, averaged_stiffness, engineering_moduli, stiffness_matrix
 from ppmc.errors import InputFileError
@@ -38,9 +40,15 @@ def test_nearest_takes_the_nearest_in_any_number_of_parts() -> None:
     assert np.allclose(np.linalg.det(axes), 1)
 
 
+def unit_cells(x: np.ndarray) -> np.ndarray:
+    """Return the cell of `centres` that each place lies in."""
+    i, j, k = np.floor(x).astype(int).T
+    return np.asarray((i * 6 + j) * 3 + k)
+
+
 def test_average_conserves_volume_and_the_whole_tensor() -> None:
     s, c = cloud(), centres()
-    mapped = map_to_elements(c, [s.select(np.arange(k, 4000, 2)) for k in range(2)], "average")
+    mapped = map_to_elements(c, [s.select(np.arange(k, 4000, 2)) for k in range(2)], unit_cells)
     assert mapped.material_volume.sum() == pytest.approx(s.volume.sum(), rel=1e-12)
     assert mapped.particle_count.sum() == len(s)
     whole = np.einsum("m,mij->ij", mapped.material_volume, mapped.fibre_tensor) / mapped.material_volume.sum()
@@ -51,18 +59,30 @@ def test_average_conserves_volume_and_the_whole_tensor() -> None:
     assert np.allclose(whole4, orientation_tensor4(s.fibre_direction, s.volume), atol=1e-12)
 
 
+def test_elements_average_as_boxes_do() -> None:
+    """The same cell as a box region: count, volume, tensors of both orders, spread."""
+    s, c = cloud(), centres()
+    mapped = map_to_elements(c, [s], unit_cells)
+    at = 40
+    a = region_averages(s, [box("cell", c[at] - 0.5, c[at] + 0.5)])
+    assert mapped.particle_count[at] == a.particle_count[0] > 5
+    assert mapped.material_volume[at] == pytest.approx(a.material_volume[0])
+    for name in ("fibre_tensor", "normal_tensor", "fibre_tensor4", "normal_tensor4", "fibre_spread", "normal_spread"):
+        assert np.allclose(getattr(mapped, name)[at], getattr(a, name)[0], atol=1e-12)
+
+
 def test_elements_without_particles_take_the_nearest_and_say_so() -> None:
     s = cloud(50)
     far = np.array([[100.0, 0, 0], [5, 3, 1.5]])
-    mapped = map_to_elements(far, [s], "average")
+    mapped = map_to_elements(far, [s], lambda x: np.ones(len(x), dtype=np.int64))
     assert mapped.particle_count[0] == 0 and mapped.distance[0] > 80 and np.isfinite(mapped.fibre_direction[0]).all()
 
 
 def test_missing_normals_stay_unknown() -> None:
     s = cloud(100)
     bare = Samples("s", s.positions, s.volume, s.fibre_direction)
-    for method in ("nearest", "average"):
-        mapped = map_to_elements(centres(), [bare], method)  # type: ignore[arg-type]
+    for owners in (None, unit_cells):
+        mapped = map_to_elements(centres(), [bare], owners)
         assert np.isnan(mapped.platelet_normal).all() and np.isfinite(mapped.fibre_tensor).all()
 
 

@@ -14,10 +14,10 @@ import pandas as pd
 import pytest
 
 from ppmc.analysis import check, movie, stage, views
+from ppmc.analysis.mesh import read_mesh
 from ppmc.analysis.output import file_names
 from ppmc.analysis.rendering import RenderingStatus
 from ppmc.analysis.stage import run_labels
-from ppmc.analysis.structural import read_mesh
 from ppmc.errors import InputFileError, SceneError
 from ppmc.scene import parse_scene
 from tests.analysis.conftest import Chain, blank_pictures
@@ -31,13 +31,15 @@ analysis:
     ring:
       {kind: circle, centre: [6, 4, 1.5], axis: [0, 0, 1], zero: [1, 0, 0], inner_radius: 1, outer_radius: 3, height: 4}
     line: {kind: line, points: [[1, 1, 1], [11, 7, 1]], radius: 1.5, steps: 5}
-  views: [fibre_direction, dominant_direction, platelets, maps, fill_time, knit_line]
+  views: [fibre_direction, dominant_direction, iso_surface, platelets, maps, fill_time, knit_line, difference]
+  front: {axis: x3, mask: {path: volume.vtkhdf, time: 0 s}}
   cuts: {middle: {point: [0, 4, 0], normal: [0, -1, 0]}}
   interactive: true
   animation: true
   mesh:
     path: part.vtu
     method: average
+    formats: [vtu, abaqus, gmsh]
     lamina:
       {axial_modulus: 140 GPa, transverse_modulus: 9 GPa, axial_poisson_ratio: 0.3, transverse_poisson_ratio: 0.4,
        shear_modulus: 5 GPa}
@@ -63,6 +65,7 @@ def bricks(folder: Path) -> Path:
 def out(chain: Chain, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("more")
     bricks(folder)
+    shutil.copy(chain.volume, folder / "volume.vtkhdf")
     runs = []
     for name in ("second", "third"):
         (folder / name).mkdir()
@@ -85,10 +88,12 @@ def out(chain: Chain, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_equal_runs_do_not_differ(out: Path) -> None:
     table = pd.read_csv(out / "tables" / "comparisons.csv")
-    assert table.run.tolist() == ["second", "CT of the part"]
-    # The block was 12 x 8 x 3 mm, the squeezed one is 16.97 x 11.31 x 1.5 mm: they share 12 x 8 x 1.5 mm.
-    shared = 12 * 8 * 1.5
-    assert table.overlap[1] == pytest.approx(shared / (2 * 12 * 8 * 3 - shared), abs=0.1)
+    assert table.run.tolist() == ["second", "CT of the part", "mask volume"]
+    # The block was 12 x 8 x 3 mm, the squeezed one is 16.97 x 11.31 x 1.5 mm. Every second voxel of 0.25 mm stands for
+    # 0.5 mm and begins at -0.125 mm: the scan reaches 11.875 x 7.875 mm into the quadrant that both share.
+    seen = 11.875 * 7.875
+    assert table.overlap[1] == pytest.approx(seen * 1.5 / (2 * 288 - seen * 1.5), abs=0.01)
+    assert table.overlap_along_x3[1] == pytest.approx(seen / (192 + 96 - seen), abs=0.01)
     assert np.isnan(table.angle_mean_deg[1])
     assert table.overlap[0] == 1 and table.angle_mean_deg[0] == 0 and table.distance_p99_mm[0] == 0
     gaps = pd.read_csv(out / "tables" / "differences.csv").set_index("source")
@@ -121,6 +126,29 @@ def test_mapped_mesh_opens_and_holds_everything(out: Path, chain: Chain) -> None
     assert (out / "mapped_CT_of_the_part.vtu").exists()
 
 
+def test_json_has_both_orders_and_every_path(out: Path) -> None:
+    summary = json.loads((out / "analysis.json").read_text())
+    order = summary["fourth_order_indices"]
+    assert order[:4] == ["1111", "1112", "1113", "1122"] and len(order) == 15
+    last = next(s for s in summary["regions"][0]["sources"] if s["source"] == "flow" and s["time_s"] == 1)
+    A, A4 = np.array(last["A"]), dict(zip(order, last["A_fourth"], strict=True))
+    assert A4["1111"] + A4["1122"] + A4["1133"] == pytest.approx(A[0, 0])
+    assert last["A_spread"][0][0] == pytest.approx((A4["1111"] - A[0, 0] ** 2) ** 0.5)
+    paths = {path["name"]: path for path in summary["paths"]}
+    assert set(paths) == {"path", "bar", "bar_local", "ring", "line"}
+    assert paths["ring"]["components"] == ["r", "θ", "x3"]
+    flow = next(s for s in paths["path"]["sources"] if s["source"] == "flow")
+    assert np.array(flow["A"]).shape == (6, 3, 3) and np.array(flow["N_fourth"]).shape == (6, 15)
+
+
+def test_elements_stand_in_a_table(out: Path, chain: Chain) -> None:
+    table = pd.read_csv(out / "tables" / "mapped_elements.csv")
+    assert table.element.tolist() == list(range(1, 13)) and table.particle_count.sum() == chain.particles
+    filled = table[table.particle_count > 0]
+    assert np.allclose(filled.A1111 + filled.A1122 + filled.A1133, filled.A11)
+    assert (filled.sd_A11 > 0).any() and (filled.E1_Pa > 3e9).all()
+
+
 def test_browser_scene_holds_its_data(out: Path, chain: Chain) -> None:
     text = (out / "scene.html").read_text()
     data = json.loads(re.search(r'type="application/json">(.*?)</script>', text, re.S).group(1))  # type: ignore[union-attr]
@@ -131,7 +159,8 @@ def test_browser_scene_holds_its_data(out: Path, chain: Chain) -> None:
 
 def test_views_asked_for_are_there(out: Path) -> None:
     names = {p.stem for p in (out / "figures").iterdir()}
-    assert {"fill_time", "cut_middle_flow_t1", "view_platelets_flow_t1", "view_maps_flow_t1"} <= names
+    assert {"fill_time", "cut_middle_flow_t1", "view_platelets_flow_t1", "view_maps_flow_t1", "filling"} <= names
+    assert {"view_iso_surface_flow_t1", "difference_second", "front_second", "front_mask_volume"} <= names
     assert "No knit line" in (out / "report.html").read_text()
 
 
