@@ -13,13 +13,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmc.errors import SceneError
 from ppmc.files import ParticleFile
+from ppmc.geometry.cavity import cavity_volume
+from ppmc.geometry.toolset import ToolSet
 
 Array = NDArray[np.floating]
 # Maps points, shape (n, 3), to the distance to the nearest tool, shape (n,).
 Clearance = Callable[[Array], Array]
+# Lowest and highest corner of a box, mm.
+Box = tuple[Array, Array]
 
 SECONDS_TO_DRAW = 180.0
+# The cavity is looked for from so many particles, on cells of this share of the charge.
+MOST_SEEDS, COARSE_STEPS = 2000, 80
 NAMES = ("x1", "x2", "x3")
 # Squares of a draped charge are drawn larger, for its particles no longer stand in rows.
 DRAPED_GROWTH = 1.6
@@ -75,6 +82,15 @@ def groups_of(charge: ParticleFile) -> tuple[str, NDArray[np.int64] | None]:
     return "", None
 
 
+def coloured(charge: ParticleFile) -> tuple[str, Array]:
+    """Return what the colours mean, and an RGB colour for every particle, shape (n, 3): by groups, else direction."""
+    name, groups = groups_of(charge)
+    if groups is not None:
+        return name, colours_of_ids(groups)
+    squares = np.asarray(charge.fields["fibre_direction"]) ** 2
+    return "red p1^2, green p2^2, blue p3^2", 0.15 + 0.8 * squares
+
+
 def draw_top_view(charge: ParticleFile, path: Path, view: View) -> None:
     """Draw the uppermost particles, by platelet and by p1 squared, p2 squared (the third along the sight left out)."""
     from matplotlib.cm import ScalarMappable
@@ -122,7 +138,23 @@ def uppermost(charge: ParticleFile, view: View) -> NDArray[np.int64]:
     return seen[np.argsort(height[seen], kind="stable")]
 
 
-def draw_cut(charge: ParticleFile, path: Path, view: View, clearance: Clearance | None) -> None:
+def space_of(charge: ParticleFile, tools: ToolSet | None) -> Box:
+    """Return the box to show: that of the cavity with a little of the tools, or of the charge where that is open."""
+    low, high = charge.positions.min(axis=0), charge.positions.max(axis=0)
+    if tools is not None:
+        try:
+            every = max(1, len(charge.positions) // MOST_SEEDS)
+            cavity = cavity_volume(tools, charge.positions[::every], spacing=float((high - low).max()) / COARSE_STEPS)
+        except SceneError:
+            pass  # a charge inside a tool is drawn, so that the picture shows it
+        else:
+            if cavity.closed:
+                low, high = np.minimum(low, cavity.bounds[0]), np.maximum(high, cavity.bounds[1])
+    margin = 0.05 * float((high - low).max())
+    return low - margin, high + margin
+
+
+def draw_cut(charge: ParticleFile, path: Path, view: View, clearance: Clearance | None, space: Box) -> None:
     """Draw a slice through the middle along and across, with the outlines of the tools at their drawn positions."""
     from matplotlib.figure import Figure
 
@@ -130,19 +162,17 @@ def draw_cut(charge: ParticleFile, path: Path, view: View, clearance: Clearance 
     axes: Any = figure.subplots(2, 1)
     low, high = charge.positions.min(axis=0), charge.positions.max(axis=0)
     spacing = max(float(s) for s in charge.extra.get("spacing", [1.0]))
-    _, groups = groups_of(charge)
+    meaning, rgb = coloured(charge)
     for ax, along in zip(axes, (view.right, view.up), strict=True):
         across = view.up if along == view.right else view.right
         middle = 0.5 * (low[across] + high[across])
         near = np.abs(charge.positions[:, across] - middle) <= 0.75 * spacing
         x, y = charge.positions[near][:, [along, view.depth]].T
-        p = charge.fields["fibre_direction"][near]
-        colours = 0.15 + 0.8 * p**2 if groups is None else colours_of_ids(groups[near])
-        _squares(ax, x, y, spacing, float(charge.extra.get("spacing", [1.0] * 3)[2]), colours)
+        _squares(ax, x, y, spacing, float(charge.extra.get("spacing", [1.0] * 3)[2]), rgb[near])
         if clearance is not None:
-            _tool_lines(ax, clearance, along, view.depth, across, middle, low, high)
+            _tool_lines(ax, clearance, along, view.depth, across, middle, space)
         ax.set(xlabel=f"{NAMES[along]} [mm]", ylabel=f"{NAMES[view.depth]} [mm]", aspect="equal")
-        ax.set_title(f"cut at {NAMES[across]} = {middle:.1f} mm".replace("-0.0", "0.0"))
+        ax.set_title(f"cut at {NAMES[across]} = {middle:.1f} mm: {meaning}".replace("-0.0", "0.0"))
     figure.savefig(path, dpi=150)
 
 
@@ -157,11 +187,10 @@ def _squares(ax: Any, x: Array, y: Array, width: float, height: float, colours: 
     ax.autoscale_view()
 
 
-def _tool_lines(ax: Any, clearance: Clearance, a: int, b: int, c: int, middle: float, low: Array, high: Array) -> None:
+def _tool_lines(ax: Any, clearance: Clearance, a: int, b: int, c: int, middle: float, space: Box) -> None:
     """Draw where the tools' surfaces meet the plane of axes a and b."""
-    margin = 0.3 * float((high - low).max())
-    u = np.linspace(low[a] - margin, high[a] + margin, 500)
-    v = np.linspace(low[b] - margin, high[b] + margin, 400)
+    low, high = space
+    u, v = np.linspace(low[a], high[a], 500), np.linspace(low[b], high[b], 400)
     U, V = np.meshgrid(u, v)
     points = np.empty((U.size, 3))
     points[:, a], points[:, b], points[:, c] = U.ravel(), V.ravel(), middle
@@ -171,17 +200,18 @@ def _tool_lines(ax: Any, clearance: Clearance, a: int, b: int, c: int, middle: f
         ax.contour(U, V, phi, levels=[0.0], colors="k", linewidths=1.0)
 
 
-def draw_in_tool(charge: ParticleFile, path: Path, view: View, clearance: Clearance | None) -> str | None:
+def draw_in_tool(charge: ParticleFile, path: Path, view: View, clearance: Clearance | None, space: Box) -> str | None:
     """Draw the charge in its tool in three dimensions; return why not, if that fails.
 
     VTK runs in a process of its own: without a working OpenGL it ends in a segmentation fault.
     """
-    _, groups = groups_of(charge)
+    meaning, rgb = coloured(charge)
     with tempfile.TemporaryDirectory(prefix="ppmc-charge-") as folder:
         job = Path(folder) / "job.npz"
         arrays: dict[str, Any] = {
             "points": charge.positions,
-            "groups": colours_of_ids(groups if groups is not None else np.full(len(charge.positions), -1)),
+            "colours": rgb,
+            "meaning": meaning,
             "squares": charge.fields["fibre_direction"] ** 2,
             "spacing": np.asarray(charge.extra.get("spacing", [1.0] * 3), dtype=float),
             "depth": view.depth,
@@ -189,7 +219,7 @@ def draw_in_tool(charge: ParticleFile, path: Path, view: View, clearance: Cleara
             "right": view.right,
         }
         if clearance is not None:
-            arrays |= _tool_grid(charge.positions, clearance)
+            arrays |= _tool_grid(space, clearance)
         np.savez(job, **arrays)
         try:
             done = subprocess.run(
@@ -204,11 +234,9 @@ def draw_in_tool(charge: ParticleFile, path: Path, view: View, clearance: Cleara
     return lines[-1] if lines else f"the drawing process ended with code {done.returncode} (no working OpenGL?)"
 
 
-def _tool_grid(positions: Array, clearance: Clearance, nodes: int = 140) -> dict[str, Any]:
-    """Return the tools' distance on a grid round the charge."""
-    low, high = positions.min(axis=0), positions.max(axis=0)
-    margin = 0.25 * float((high - low).max())
-    low, high = low - margin, high + margin
+def _tool_grid(space: Box, clearance: Clearance, nodes: int = 140) -> dict[str, Any]:
+    """Return the tools' distance on a grid."""
+    low, high = space
     step = float((high - low).max()) / nodes
     shape = np.ceil((high - low) / step).astype(int) + 1
     axes = [low[a] + step * np.arange(shape[a]) for a in range(3)]

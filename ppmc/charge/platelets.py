@@ -158,18 +158,25 @@ def _standing(
 
     dx, dy, dz = spacing
     depth = section.on_edge.depth or max(dx, dy)
-    where, normals = [], []
+    where, normals, filled = [], [], []
     for k, band in enumerate(bands):
         distance, (to_j, to_i) = distance_transform_edt(np.pad(band, 1), sampling=(dy, dx), return_indices=True)
-        distance = distance[1:-1, 1:-1]
-        j, i = np.nonzero(band & (distance - 0.5 * min(dx, dy) < depth * (1.0 - 1e-9)))
-        towards = np.stack([(to_i[j + 1, i + 1] - i - 1) * dx, (to_j[j + 1, i + 1] - j - 1) * dy], axis=1)
-        where.append(np.stack([np.full(len(j), k), j, i], axis=1))
-        normals.append(towards / np.linalg.norm(towards, axis=1, keepdims=True))
+        j, i = np.arange(band.shape[0])[:, None], np.arange(band.shape[1])
+        towards = np.stack([(to_i[1:-1, 1:-1] - i - 1) * dx, (to_j[1:-1, 1:-1] - j - 1) * dy], axis=-1)
+        away = np.maximum(distance[1:-1, 1:-1], 1e-300)
+        towards /= away[..., None]
+        thick = np.abs(towards) @ np.array([dx, dy])
+        # Share of each cell that lies in the wall layer, for cells need not fit its depth.
+        part = np.where(band, np.clip((depth - (away - thick)) / np.maximum(thick, 1e-300), 0.0, 1.0), 0.0)
+        inside = (part > 0.5 - 1e-9) | ((part > 0.0) & (away - thick < 1e-9))
+        at_j, at_i = np.nonzero(inside)
+        where.append(np.stack([np.full(len(at_j), k), at_j, at_i], axis=1))
+        normals.append(towards[inside])
+        filled.append(float(part.sum()))
     at = np.concatenate(where)
     places = at[:, ::-1] * np.array([dx, dy, dz * span])
     claimed = np.full(len(at), FREE, dtype=np.int64)
-    wanted = round(section.on_edge.share * len(at))
+    wanted = min(round(section.on_edge.share * sum(filled)), len(at))
     thickness = max(section.thickness or 0.0, dx, dy) * (1.0 + 1e-9)
     fill = -(-len(at) // len(lengths))
     p, r = stand_on_edge(

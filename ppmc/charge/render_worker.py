@@ -19,7 +19,7 @@ def draw(job: Path, picture: Path) -> None:
     data = np.load(job)
     spacing = data["spacing"]
     cloud = pv.PolyData(data["points"])
-    cloud["groups"] = (255 * data["groups"]).astype(np.uint8)
+    cloud["colours"] = (255 * data["colours"]).astype(np.uint8)
     cloud["square"] = data["squares"][:, int(data["right"])]
     cubes = cloud.glyph(
         geom=pv.Cube(x_length=spacing[0], y_length=spacing[1], z_length=spacing[2]), scale=False, orient=False
@@ -32,21 +32,28 @@ def draw(job: Path, picture: Path) -> None:
     up[depth] = toward
     centre = 0.5 * (data["points"].min(axis=0) + data["points"].max(axis=0))
     tools = _tools(data, pv, centre, side) if "grid" in data else None
-    for row, name in enumerate(("groups", "square")):
+    for row, name in enumerate(("colours", "square")):
         plotter.subplot(row, 0)
         plotter.set_background("white")
-        if name == "groups":
-            plotter.add_mesh(cubes, scalars="groups", rgb=True)
+        if name == "colours":
+            plotter.add_mesh(cubes, scalars="colours", rgb=True)
+            plotter.add_text(str(data["meaning"]), position="upper_left", font_size=10, color="black")
         else:
             bar = {"title": f"p{right + 1}^2", "color": "black", "height": 0.06, "position_y": 0.02}
             plotter.add_mesh(cubes, scalars="square", cmap="viridis", clim=[0, 1], scalar_bar_args=bar)
         if tools is not None and tools.n_points:
             plotter.add_mesh(tools, color="lightsteelblue", opacity=0.35)
         plotter.camera_position = [tuple(centre + 300.0 * eye), tuple(centre), tuple(up)]
-        plotter.reset_camera(bounds=cubes.bounds)
-        plotter.camera.zoom(1.05)
+        plotter.reset_camera(bounds=_seen(cubes, tools))
+        plotter.camera.zoom(1.3)
     plotter.screenshot(str(picture))
     plotter.close()
+
+
+def _seen(cubes: Any, tools: Any) -> list[float]:
+    """Return the bounds of charge and tools."""
+    both = np.array([m.bounds for m in (cubes, tools) if m is not None and m.n_points]).reshape(-1, 3, 2)
+    return [float(v) for v in np.stack([both[..., 0].min(axis=0), both[..., 1].max(axis=0)], axis=1).ravel()]
 
 
 def _tools(data: Any, pv: Any, centre: np.ndarray, side: int) -> Any:

@@ -18,7 +18,7 @@ from ppmc.charge.from_ct import frames_from_ct
 from ppmc.charge.imported import imported_frames
 from ppmc.charge.lattice import Lattice
 from ppmc.charge.orient import frames_of
-from ppmc.charge.pictures import View, draw_cut, draw_in_tool, draw_top_view
+from ppmc.charge.pictures import View, draw_cut, draw_in_tool, draw_top_view, space_of
 from ppmc.charge.surface_normals import distance_of, local_frames, regional_frames
 from ppmc.errors import InputFileError, SceneError
 from ppmc.files import Provenance, check_output, read_particles, read_voxels, whole_file, write_particles
@@ -174,13 +174,14 @@ def draw(scene: Scene, charge: Path, folder: Path) -> list[Path]:
     view = View.against(domain.down) if isinstance(domain, DrapedDomain) else View()
     tools = compile_tools(scene.tooling, scene.directory) if scene.tooling else None
     clearance = (lambda points: tools.clearance(points)[0]) if tools is not None else None
+    space = space_of(particles, tools)
 
     pictures = [folder / f"charge_{name}.png" for name in ("top", "cut", "in_tool")]
     for picture in pictures:
         check_output(picture, [charge])
     draw_top_view(particles, pictures[0], view)
-    draw_cut(particles, pictures[1], view, clearance)
-    reason = draw_in_tool(particles, pictures[2], view, clearance)
+    draw_cut(particles, pictures[1], view, clearance, space)
+    reason = draw_in_tool(particles, pictures[2], view, clearance, space)
     if reason is not None:
         print(f"no three-dimensional picture of the charge: {reason}", file=sys.stderr)
         return pictures[:2]

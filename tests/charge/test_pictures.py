@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from ppmc.charge import pictures
-from ppmc.charge.pictures import View, colours_of_ids, draw_in_tool, uppermost
+from ppmc.charge.pictures import View, coloured, colours_of_ids, draw_in_tool, space_of, uppermost
 from ppmc.charge.stage import draw, run
 from ppmc.files import ParticleFile, read_particles
+from ppmc.geometry.toolset import compile_tools
 from ppmc.scene.loader import parse_scene
 
 SCENE = """
@@ -37,9 +38,9 @@ def test_the_drawing_process_says_why_it_failed(tmp_path):
         np.zeros((1, 3)), {"platelet_id": np.zeros(1, np.int64), "fibre_direction": np.eye(3)[:1]}, {"spacing": "x"}
     )
     with pytest.raises(ValueError, match="could not convert"):
-        draw_in_tool(charge, tmp_path / "a.png", View(), None)
+        draw_in_tool(charge, tmp_path / "a.png", View(), None, (np.zeros(3), np.ones(3)))
     charge.extra["spacing"] = [1.0, 1.0]
-    reason = draw_in_tool(charge, tmp_path / "a.png", View(), None)
+    reason = draw_in_tool(charge, tmp_path / "a.png", View(), None, (np.zeros(3), np.ones(3)))
     assert reason is not None and not (tmp_path / "a.png").exists()
 
 
@@ -49,6 +50,26 @@ def test_what_is_seen_from_above_is_the_top_layer(tmp_path):
     assert len(seen) == 16 * 12 and np.all(charge.positions[seen, 2] == 1.75)
     below = uppermost(charge, View(toward=-1.0))
     assert np.all(charge.positions[below, 2] == 0.25)
+
+
+def test_pictures_show_the_whole_cavity_or_the_charge_where_it_is_open(tmp_path):
+    scene = parse_scene(SCENE + "\n")
+    charge = read_particles(run(scene, output=tmp_path / "charge.vtkhdf"), "charge")
+    open_low, open_high = space_of(charge, compile_tools(scene.tooling))
+    assert np.all(open_low > -0.7) and np.all(open_high < [8.7, 6.7, 2.7])
+    wall = "  wall: {shape: box, center: [10, 3, 1], size: [22, 8, 10], inside: true}"
+    closed = parse_scene(SCENE.replace("  lower:", wall + "\n  lower:"))
+    low, high = space_of(charge, compile_tools(closed.tooling))
+    assert np.all(low < [-1, -1, 0]) and np.all(high > [21, 7, 2]) and np.all(high < [26, 11, 6])
+
+
+def test_colours_show_groups_else_directions(tmp_path):
+    charge = read_particles(run(parse_scene(SCENE), output=tmp_path / "charge.vtkhdf"), "charge")
+    assert coloured(charge)[0] == "platelets"
+    charge.fields["platelet_id"][:] = -1
+    meaning, rgb = coloured(charge)
+    assert meaning.startswith("red p1^2")
+    np.testing.assert_allclose(rgb, 0.15 + 0.8 * charge.fields["fibre_direction"] ** 2)
 
 
 def test_views_and_colours():

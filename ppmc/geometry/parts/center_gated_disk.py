@@ -88,6 +88,10 @@ class CenterGatedDisk(Part):
             "length": self.charge_height,
         }
 
+    def orientation(self) -> dict[str, Any]:
+        """Return J's collimated charge (Fig 4)."""
+        return {"source": "uniform", "fibre_direction": [1.0, 0.0, 0.0], "platelet_normal": [0.0, 0.0, 1.0]}
+
     def regions(self) -> dict[str, dict[str, Any]]:
         """Return the middle, and sectors of the rest along x1 and x2."""
         base = {"shape": "cylinder", "centre": [0.0, 0.0, self.charge_height / 2.0], "height": self.charge_height}

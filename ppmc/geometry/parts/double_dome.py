@@ -203,7 +203,12 @@ class DoubleDome(Part):
         return {**super().material(), "anisotropy_ratio": 116.0}
 
     def orientation(self) -> dict[str, Any]:
-        """Return planar random orientations about the normals of D's five regions (D, Fig 5)."""
+        """Return planar random orientations about the normals of D's five regions (D, Fig 5).
+
+        The axial charge covers the round ends too, where five normals are too few: it takes the punch's local normals.
+        """
+        if self.charge == "axial":
+            return {"source": "local", "tool": "punch"}
         cosine, sine = math.cos(math.radians(self.draft)), math.sin(math.radians(self.draft))
         normals = {
             "top": [0.0, 1.0, 0.0],

@@ -167,6 +167,11 @@ class PinBracket(Part):
         """Return the charge: a box on the ram that touches the mould."""
         return {"shape": "box", "origin": [0.0, 0.0, 0.0], "size": [self.length, self.width, self.charge_height]}
 
+    def orientation(self) -> dict[str, Any]:
+        """Return random platelets in the state that J measured in the poured charge (J13)."""
+        tilt = {"pitch": 9.5, "roll": 19.5, "on_edge": {"share": 0.9, "depth": 0.5}}
+        return {**super().orientation(), **tilt}
+
     def regions(self) -> dict[str, dict[str, Any]]:
         """Return base, flanges, and the strips above (knit line) and below each hole."""
         w, z, t = self.width, self.charge_height, self.flange_thickness
