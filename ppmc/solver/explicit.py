@@ -8,24 +8,34 @@ eigenvalues of the viscous and of the volumetric stiffness over the mass, :math:
 .. math:: \Delta t = \frac{0.8}{\lambda_v/2 + \sqrt{\lambda_K}/2},
 
 which holds for each alone (2/lambda_v and 2/sqrt(lambda_K), less the safety) and for both together.
+
+A step costs one list of weights, one sweep for moments and velocity gradient and one product. The sweep is taken where
+the step ends: its gradient brings deformation and directions up to date, exactly for any affine motion
+(:func:`ppmc.solver.transport.increment_to_here`), and its moments serve the forces of the next step. Tools concern the
+particles near them only.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ppmc.solver import materials
+from ppmc.geometry.packed import NAVIER
+from ppmc.solver import materials, single_direction
 from ppmc.solver.block_jacobi import multiply_blocks
 from ppmc.solver.contact import Contacts
-from ppmc.solver.implicit import ImplicitIntegrator, StepReport, material_power
+from ppmc.solver.gradient import moments_and_gradient, velocity_gradient
+from ppmc.solver.implicit import RATE_MEMORY, ImplicitIntegrator, StepReport, material_power
+from ppmc.solver.kernel_shape import convect_shape
+from ppmc.solver.neighbours import Pairs
 from ppmc.solver.operator import Operator, assemble
 from ppmc.solver.reductions import dot
+from ppmc.solver.transport import convect_deformation, convect_directions, increment_to_here, jeffery_increment
 
 SAFETY = 0.8
 POWER_ITERATIONS = 20
 CONTACT_EVERY = 10  # steps between searches for faces; gaps are advanced linearly in between
-LIMITS_EVERY = 100  # steps between estimates of the stable step
+LIMITS_EVERY = 200  # steps between estimates of the stable step
 MOST_STEPS = 200  # explicit steps in one reported step
 
 
@@ -38,15 +48,37 @@ class Limits:
     used: float
 
 
+@dataclass
+class NearTools:
+    """Particles that have a tool within reach.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (m,), int64
+        Their numbers.
+    contacts : Contacts
+        Their faces.
+    friction : ndarray, shape (m, 3)
+        Navier friction of each face, Pa s/mm.
+    """
+
+    rows: np.ndarray
+    contacts: Contacts
+    friction: np.ndarray
+
+
 class ExplicitIntegrator(ImplicitIntegrator):
     """Advances by many small steps within each reported one."""
 
     limits: Limits | None = None
+    present: Operator | None = None
 
     def initialise(self, time: float, time_step: float) -> StepReport:
         """Start from rest."""
         self.refresh_neighbours(force=True)
-        self.limits = self._estimate_limits(self._explicit_operator(time))
+        self._assemble(self.weigh(self.state.position), time)
+        self.limits = self._estimate_limits()
+        self.present = None
         used = self.limits
         print(
             f"explicit: viscous limit {used.viscous:.3g} s, Courant limit {used.courant:.3g} s, step {used.used:.3g} s"
@@ -60,28 +92,37 @@ class ExplicitIntegrator(ImplicitIntegrator):
     def step(self, time: float, time_step: float) -> StepReport:
         """Advance the state from `time` by `time_step` (s), in steps that are stable."""
         report = StepReport()
+        forced = self.model.walls.forced
         report.tool_force = np.zeros((len(self.model.walls.tools), 3))
         elapsed, ahead = 0.0, True
         while ahead:
-            self.limits = self._estimate_limits(self._explicit_operator(time))
+            self.refresh_neighbours()
+            self._assemble(self.weigh(self.state.position), time + elapsed)
+            self.limits = self._estimate_limits()
             count = max(1, math.ceil((time_step - elapsed) / self.limits.used - 1e-9))
             dt, steps = (time_step - elapsed) / count, min(count, LIMITS_EVERY)
             ahead = steps < count
             for k in range(steps):
                 if k % CONTACT_EVERY == 0:
-                    self.refresh_neighbours()
-                    reach = 1.5 * float(self.model.walls.spacing.max())
-                    contacts = self.model.walls.contacts(self.state, time + elapsed, dt, reach)
-                self.model.walls.forced.advance(self.model.walls.forced.velocities(dt), dt)
-                self._substep(contacts, time + elapsed, dt, report, last=not ahead and k == steps - 1)
+                    near = self._near_tools(time + elapsed, dt)
+                forced.advance(forced.velocities(dt), dt)
+                self._push(near, dt, report)
+                done = (k + 1) % CONTACT_EVERY == 0 or k == steps - 1
+                if done:
+                    self._remember_faces(near)
+                if k == steps - 1 and not ahead:
+                    self._account_for(near, report)
                 elapsed += dt
+                self._move(time + elapsed, dt, refresh=done)
             report.iterations += steps
+            self.present = None
         report.time_step = time_step / report.iterations
         report.tool_force /= report.iterations
-        self.model.walls.forced.adjust(report.tool_force)
+        forced.adjust(report.tool_force)
         return report
 
-    def _explicit_operator(self, time: float) -> Operator:
+    def _assemble(self, pairs: Pairs, time: float) -> None:
+        """Make the operator at the present positions."""
         state, model = self.state, self.model
         normals = None
         if model.material.model in materials.NEEDS_NORMALS:
@@ -91,14 +132,15 @@ class ExplicitIntegrator(ImplicitIntegrator):
         stiffness = (model.material.ratio + 2.0) * viscosity.shear
         control = model.settings.zero_energy
         operator = assemble(
-            self.weigh(state.position), state.position, state.volume, viscosity.shear, stiffness, viscosity.fibre,
+            pairs, state.position, state.volume, viscosity.shear, stiffness, viscosity.fibre,
             viscosity.directions, control.isotropic, control.volumetric, control.fibre,
         )  # fmt: skip
         operator.bulk = np.zeros(len(state))
-        return operator
+        self.present = operator
 
-    def _estimate_limits(self, operator: Operator) -> Limits:
-        state, model = self.state, self.model
+    def _estimate_limits(self) -> Limits:
+        state, model, operator = self.state, self.model, self.present
+        assert operator is not None
         mass = model.density * state.volume[:, None]
         viscous = _largest_eigenvalue(operator.apply, mass, state.original)
         n = len(state)
@@ -109,39 +151,107 @@ class ExplicitIntegrator(ImplicitIntegrator):
         courant = math.sqrt(_largest_eigenvalue(sound.apply, mass, state.original))
         return Limits(2.0 / viscous, 2.0 / courant, SAFETY / (0.5 * viscous + 0.5 * courant))
 
-    def _substep(self, contacts: Contacts, time: float, dt: float, report: StepReport, last: bool) -> None:
-        state, model = self.state, self.model
-        operator = self._explicit_operator(time)
-        pressure = -model.bulk_modulus * state.volume * (state.volume_ratio - 1.0)
-        force = operator.stress_force(pressure[:, None, None] * np.eye(3))
-        force -= operator.apply(state.velocity)
-        drag, load = self._friction(contacts)
-        force += load - multiply_blocks(drag, state.velocity)
-        mass = model.density * state.volume[:, None]
-        trial = state.velocity + dt * force / mass
+    def _near_tools(self, time: float, dt: float) -> NearTools:
+        walls = self.model.walls
+        contacts = walls.contacts(self.state, time, dt, 1.5 * float(walls.spacing.max()))
+        rows = np.flatnonzero((contacts.tool >= 0).any(axis=1))
+        here = Contacts(**{f.name: getattr(contacts, f.name)[rows] for f in fields(Contacts)})
+        return NearTools(rows, here, walls.friction(here))
+
+    def _push(self, near: NearTools, dt: float, report: StepReport) -> None:
+        """Advance the velocities by the forces of the charge and of the tools."""
+        state, model, contacts, rows = self.state, self.model, near.contacts, near.rows
+        assert self.present is not None
+        pressure_stress = model.bulk_modulus * (state.volume_ratio - 1.0)
+        per_mass = (-dt / (model.density * state.volume))[:, None]
+        velocities = state.velocity + per_mass * _opposing_force(self.present, state.velocity, pressure_stress)
+        here = velocities[rows]
+        if NAVIER in model.walls.tools.arrays.wall:
+            here += per_mass[rows] * _drag(near, state.velocity[rows], (state.volume * state.volume_ratio)[rows])
         contacts.active = np.zeros_like(contacts.active)
-        contacts.active = contacts.violations(trial, dt) > 0.0
+        contacts.active = contacts.violations(here, dt) > 0.0
         free, held = contacts.constrain(dt)
-        velocities = multiply_blocks(free, trial) + held
-        push = mass * (velocities - trial) / dt
-        _, forces = contacts.reactions(push)
+        moved = multiply_blocks(free, here) + held
+        _, forces = contacts.reactions((here - moved) / per_mass[rows])
         # Velocities at the wall chatter; the layer moves with the tool, less its own flattening.
-        flattening = np.einsum("nab,nkb->nka", state.smooth_gradient, contacts.normal)
+        flattening = np.einsum("nab,nkb->nka", state.smooth_gradient[rows], contacts.normal)
         layer = contacts.wall_velocity + contacts.half_width[..., None] * flattening
         forces *= contacts.power_factor(forces, layer)
         for k in range(contacts.tool.shape[1]):
             on = contacts.active[:, k]
             np.add.at(report.tool_force, contacts.tool[on, k], -forces[on, k])
-        relative = velocities[:, None, :] - contacts.wall_velocity
+        relative = moved[:, None, :] - contacts.wall_velocity
         contacts.gap = contacts.gap + dt * np.einsum("nkc,nkc->nk", contacts.normal, relative)
-        if last:
-            rate = 0.5 * (state.velocity_gradient + np.swapaxes(state.velocity_gradient, 1, 2))
-            report.dissipation = float(np.sum(state.velocity * operator.apply(state.velocity)))
-            physical = float(np.sum(state.volume * material_power(operator, rate)))
-            report.zero_energy_share = max(0.0, 1.0 - physical / max(report.dissipation, 1e-300))
-            report.contacts = int(contacts.active.any(axis=1).sum())
-        self._remember(contacts)
-        self._advance(velocities, dt)
+        velocities[rows] = moved
+        state.velocity = velocities
+
+    def _account_for(self, near: NearTools, report: StepReport) -> None:
+        """Put the work done at the last positions into the report."""
+        state, operator = self.state, self.present
+        assert operator is not None
+        moments = operator.pairs, operator.positions, operator.volumes, operator.inverse
+        gradient = velocity_gradient(*moments, state.velocity)
+        rate = 0.5 * (gradient + np.swapaxes(gradient, 1, 2))
+        report.dissipation = float(np.sum(state.velocity * operator.apply(state.velocity)))
+        physical = float(np.sum(state.volume * material_power(operator, rate)))
+        report.zero_energy_share = max(0.0, 1.0 - physical / max(report.dissipation, 1e-300))
+        report.contacts = int(near.contacts.active.any(axis=1).sum())
+
+    def _remember_faces(self, near: NearTools) -> None:
+        """Put the faces touched into the state, where the next search finds them again."""
+        state = self.state
+        state.contact_tool = np.full_like(state.contact_tool, -1)
+        state.contact_tool[near.rows] = np.where(near.contacts.active, near.contacts.tool, -1)
+        state.contact_normal = np.zeros_like(state.contact_normal)
+        state.contact_normal[near.rows] = near.contacts.normal
+
+    def _move(self, time: float, dt: float, refresh: bool = False) -> None:
+        """Advance everything else with the new velocities, and make the operator at the new positions."""
+        state, settings = self.state, self.model.settings
+        assert self.neighbours is not None and self.present is not None
+        self.neighbours.spare, self.present = self.present.pairs, None
+        state.position = state.position + dt * state.velocity
+        if refresh:
+            self.refresh_neighbours()
+        pairs = self.weigh(state.position)
+        there = moments_and_gradient(pairs, state.position, state.volume, state.velocity)
+        increment, gradient = increment_to_here(there, dt)
+        state.velocity_gradient = gradient
+        state.smooth_gradient *= 1.0 - RATE_MEMORY
+        state.smooth_gradient += RATE_MEMORY * gradient
+        convect_deformation(increment, state.deformation_gradient, state.volume_ratio)
+        turn = increment if settings.shape_factor == 1.0 else jeffery_increment(gradient, dt, settings.shape_factor)
+        convect_directions(turn, state.fibre_direction)
+        if settings.transport_normals:
+            convect_directions(increment, state.in_plane_direction)
+        if settings.kernel_shape == "affine":
+            state.kernel_shape = convect_shape(state.kernel_shape, increment, settings.kernel_aspect_limit)
+        self._assemble(pairs, time)
+
+
+def _opposing_force(operator: Operator, velocities: np.ndarray, stress: np.ndarray) -> np.ndarray:
+    """Force that the viscous stress and a given isotropic one, shape (n,), Pa, oppose to the motion; Pa mm^2."""
+    if operator.directions.shape[1] > 1:
+        given = (operator.volumes * stress)[:, None, None] * np.eye(3)
+        return operator.apply(velocities) + operator.stress_force(given)
+    pairs, blocks, out = operator.pairs, operator.pairs.blocks, np.empty_like(velocities)
+    window = np.empty((int(blocks.offset[-1]), 3))
+    single_direction.stress_sweep(
+        pairs.start, pairs.count, pairs.index, pairs.weight, operator.positions, operator.volumes, operator.inverse,
+        operator.shear, operator.bulk, operator.fibre, operator.directions, operator.control, velocities,
+        int(pairs.count.max(initial=0)), blocks.rows, blocks.low, blocks.offset, window, out, stress,
+    )  # fmt: skip
+    single_direction.add_reactions(blocks.rows, blocks.low, blocks.offset, window, out)
+    return out
+
+
+def _drag(near: NearTools, velocities: np.ndarray, volumes: np.ndarray) -> np.ndarray:
+    """Drag of Navier walls on particles of given velocities (m, 3) and present volumes (m,); Pa mm^2."""
+    contacts = near.contacts
+    area = volumes[:, None] / np.maximum(2.0 * contacts.half_width, 1e-12)
+    slip = velocities[:, None, :] - contacts.wall_velocity
+    slip -= np.einsum("nkc,nkc->nk", slip, contacts.normal)[..., None] * contacts.normal
+    return np.einsum("nk,nkc->nc", np.where(contacts.active, near.friction, 0.0) * area, slip)
 
 
 def _largest_eigenvalue(apply, mass: np.ndarray, original: np.ndarray) -> float:  # type: ignore[no-untyped-def]

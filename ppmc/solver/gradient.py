@@ -44,20 +44,24 @@ def moment_inverses(
     first : ndarray, shape (n, 3)
         First moments, sum_j a_ij x_ij.
     """
-    return moments_and_gradient(pairs, positions, volumes, _NO_VELOCITIES)[:3]
+    if pairs.moments is None or pairs.moments[0] is not volumes:
+        moments_and_gradient(pairs, positions, volumes, _NO_VELOCITIES)
+    assert pairs.moments is not None
+    return pairs.moments[1:]
 
 
 def moments_and_gradient(
     pairs: Pairs, positions: np.ndarray, volumes: np.ndarray, velocities: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Moments as in :func:`moment_inverses` and the velocity gradients L_i, shape (n, 3, 3), in one sweep."""
-    n, wanted = len(positions), len(velocities)
-    inverse, trace, first, gradient = np.empty((n, 3, 3)), np.empty(n), np.empty((n, 3)), np.empty((wanted, 3, 3))
+) -> np.ndarray:
+    """Velocity gradients L_i, shape (n, 3, 3), 1/s; the moments, taken in the same sweep, are kept with the pairs."""
+    n, gradient = len(positions), np.empty((len(velocities), 3, 3))
+    inverse, trace, first = np.empty((n, 3, 3)), np.empty(n), np.empty((n, 3))
     _moments(
         pairs.start, pairs.count, pairs.index, pairs.weight, positions, volumes, velocities,
         int(pairs.count.max(initial=0)), MOMENT_FLOOR, inverse, trace, first, gradient,
     )  # fmt: skip
-    return inverse, trace, first, gradient
+    pairs.moments = volumes, inverse, trace, first
+    return gradient
 
 
 def velocity_gradient(

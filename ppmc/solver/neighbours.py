@@ -47,6 +47,36 @@ class Blocks:
 
 
 @dataclass
+class Pairs:
+    """Weighted pairs at one set of positions.
+
+    Attributes
+    ----------
+    start : ndarray, shape (n + 1,), int64
+        First slot of each row.
+    count : ndarray, shape (n,), int32
+        Number of neighbours with a positive weight.
+    index : ndarray, shape (slots,), int32
+    weight : ndarray, shape (slots,), float32
+        Pair weight omega_ij, 1/mm^5; symmetric to the last bit. Moments, gradients and forces that share their weights
+        are exact for linear fields and adjoint whatever these are, so that single precision costs nothing but a
+        change of the kernel in its seventh digit.
+    blocks : Blocks
+        Blocks of rows, as in the list.
+    moments : tuple of ndarray, optional
+        Volumes, then inverse, trace and first moments taken with them (:func:`ppmc.solver.gradient.moment_inverses`),
+        so that nothing takes the same sums again.
+    """
+
+    start: np.ndarray
+    count: np.ndarray
+    index: np.ndarray
+    weight: np.ndarray
+    blocks: Blocks
+    moments: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
+
+
+@dataclass
 class NeighbourList:
     """Candidate neighbours of every particle.
 
@@ -61,6 +91,9 @@ class NeighbourList:
     slack : float
         Distance, mm, that a particle may move from `positions` before the list must be rebuilt.
     blocks : Blocks
+    spare : Pairs, optional
+        Pairs of this list that nobody needs any more; the next ones take their arrays. Weights are most of what a run
+        holds, and freshly allocated ones cost as much time as filling them.
     """
 
     start: np.ndarray
@@ -68,30 +101,7 @@ class NeighbourList:
     positions: np.ndarray
     slack: float
     blocks: Blocks
-
-
-@dataclass
-class Pairs:
-    """Weighted pairs at one set of positions.
-
-    Attributes
-    ----------
-    start : ndarray, shape (n + 1,), int64
-        First slot of each row.
-    count : ndarray, shape (n,), int32
-        Number of neighbours with a positive weight.
-    index : ndarray, shape (slots,), int32
-    weight : ndarray, shape (slots,)
-        Pair weight omega_ij, 1/mm^5; symmetric to the last bit.
-    blocks : Blocks
-        Blocks of rows, as in the list.
-    """
-
-    start: np.ndarray
-    count: np.ndarray
-    index: np.ndarray
-    weight: np.ndarray
-    blocks: Blocks
+    spare: Pairs | None = None
 
 
 def cell_order(positions: np.ndarray, cutoff: float) -> np.ndarray:
@@ -170,10 +180,12 @@ def weigh_pairs(
     -------
     Pairs
     """
-    n = len(positions)
-    count = np.empty(n, dtype=np.int32)
-    index = np.empty_like(neighbours.index)
-    weight = np.empty(len(neighbours.index))
+    if neighbours.spare is not None:
+        count, index, weight = neighbours.spare.count, neighbours.spare.index, neighbours.spare.weight
+        neighbours.spare = None
+    else:
+        count = np.empty(len(positions), dtype=np.int32)
+        index, weight = np.empty_like(neighbours.index), np.empty(len(neighbours.index), dtype=np.float32)
     metric = _NO_METRIC if inverse_shape is None else inverse_shape
     _weigh(neighbours.start, neighbours.index, positions, metric, smoothing_length, count, index, weight)
     return Pairs(neighbours.start, count, index, weight, neighbours.blocks)

@@ -25,9 +25,12 @@ FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}  # never nnan or ninf
 @njit(cache=True, parallel=True, fastmath=FAST)
 def stress_sweep(
     start, count, index, weight, x, volume, inverse, shear, bulk, fibre, p, control, v, longest,
-    rows, low, offset, window, out,
+    rows, low, offset, window, out, given=None,
 ):  # fmt: skip
-    """Force of each row's energy: on the row itself into `out`, on its neighbours into the windows of the blocks."""
+    """Force of each row's energy: on the row itself into `out`, on its neighbours into the windows of the blocks.
+
+    `given`, shape (n,), is an isotropic stress that acts beside the viscous one.
+    """
     for block in prange(rows.shape[0] - 1):
         window[offset[block] : offset[block + 1]] = 0.0
         shift = offset[block] - low[block]
@@ -84,6 +87,8 @@ def stress_sweep(
             ) * stiff  # fmt: skip
             eta2 = 2.0 * shear[i]
             hydro = 3.0 * bulk[i] * third - along / 3.0 - eta2 * third
+            if given is not None:
+                hydro += given[i]
             s00 = eta2 * l00 + hydro + along * p0 * p0
             s11 = eta2 * l11 + hydro + along * p1 * p1
             s22 = eta2 * l22 + hydro + along * p2 * p2

@@ -23,6 +23,30 @@ def convect_directions(increment: np.ndarray, directions: np.ndarray) -> None:
     _convect_directions(increment, directions)
 
 
+def increment_to_here(velocity_gradient: np.ndarray, time_step: float) -> tuple[np.ndarray, np.ndarray]:
+    r"""Increment of a step from the velocity gradient where it *ended*.
+
+    With the velocities v of a step and L taken with them at its last positions, the first ones are
+    :math:`(I - \Delta t\,L)\,x` for any affine motion, so that :math:`A = (I - \Delta t\,L)^{-1}` is exact, and
+    :math:`L A` is the gradient where the step began.
+
+    Parameters
+    ----------
+    velocity_gradient : ndarray, shape (n, 3, 3)
+        L, 1/s.
+    time_step : float
+        s.
+
+    Returns
+    -------
+    increment, gradient : ndarray, shape (n, 3, 3)
+        A, and L A in 1/s.
+    """
+    increment, gradient = np.empty_like(velocity_gradient), np.empty_like(velocity_gradient)
+    _increment_to_here(velocity_gradient, time_step, increment, gradient)
+    return increment, gradient
+
+
 def jeffery_increment(velocity_gradient: np.ndarray, time_step: float, shape_factor: float) -> np.ndarray:
     r"""Increment :math:`\exp[(W + \xi D)\Delta t]` of Jeffery's equation at constant L.
 
@@ -58,6 +82,27 @@ def matrix_exponential(matrices: np.ndarray) -> np.ndarray:
     for _ in range(halvings):
         result = result @ result
     return result
+
+
+@njit(cache=True, parallel=True)
+def _increment_to_here(gradient, dt, a, out):
+    for i in prange(gradient.shape[0]):
+        g = gradient[i]
+        m00, m01, m02 = 1.0 - dt * g[0, 0], -dt * g[0, 1], -dt * g[0, 2]
+        m10, m11, m12 = -dt * g[1, 0], 1.0 - dt * g[1, 1], -dt * g[1, 2]
+        m20, m21, m22 = -dt * g[2, 0], -dt * g[2, 1], 1.0 - dt * g[2, 2]
+        c0, c1, c2 = m11 * m22 - m12 * m21, m12 * m20 - m10 * m22, m10 * m21 - m11 * m20
+        f = 1.0 / (m00 * c0 + m01 * c1 + m02 * c2)
+        a[i, 0, 0], a[i, 1, 0], a[i, 2, 0] = f * c0, f * c1, f * c2
+        a[i, 0, 1], a[i, 1, 1], a[i, 2, 1] = (
+            f * (m02 * m21 - m01 * m22), f * (m00 * m22 - m02 * m20), f * (m01 * m20 - m00 * m21),
+        )  # fmt: skip
+        a[i, 0, 2], a[i, 1, 2], a[i, 2, 2] = (
+            f * (m01 * m12 - m02 * m11), f * (m02 * m10 - m00 * m12), f * (m00 * m11 - m01 * m10),
+        )  # fmt: skip
+        for r in range(3):
+            for c in range(3):
+                out[i, r, c] = g[r, 0] * a[i, 0, c] + g[r, 1] * a[i, 1, c] + g[r, 2] * a[i, 2, c]
 
 
 @njit(cache=True, parallel=True)
