@@ -16,6 +16,7 @@ extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ex
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]
 nb_execution_mode = "cache"
 nb_execution_timeout = 600
+nb_execution_raise_on_error = True
 nb_custom_formats = {".py": ["jupytext.reads", {"fmt": "py:percent"}]}
 exclude_patterns = ["_build", "conf.py"]
 html_theme = "furo"

@@ -12,17 +12,31 @@
 # it (θ = 180°), where the two fronts meet again. How much of this would any flow around a round pin give? Potential
 # flow around a circle knows nothing of fibres, viscosity or fronts; here it carries planar random fibres past the
 # pin.
+#
+# With a solver run at hand, its flow file stands beside the closed form on the same path:
+#
+# ```sh
+# ppmc run configs/bracket_coarse.yaml
+# PPMC_BRACKET_FLOW=runs/bracket_coarse/flow.vtkhdf jupyter lab docs/notebooks/bracket.py
+# ```
 
 # %%
+import os
+
 import numpy as np
 
-from ppmc.analysis.explore import path_averages, path_figure, region_frame
+from ppmc.analysis.explore import path_averages, path_figure, read_samples, region_frame, scene_paths
 from ppmc.analysis.paths import circle_path
 from ppmc.analysis.regions import box
 from ppmc.analysis.samples import Samples
 from ppmc.orientation import push_affine
 
 radius, thickness = 6.35, 5.0  # of the pin and the flange, mm (model: 12.7 mm hole, 5 mm flange)
+flow_file = os.environ.get("PPMC_BRACKET_FLOW")
+if flow_file:
+    print(f"Solver run: {flow_file}, beside the closed form.")
+else:
+    print("No solver run: PPMC_BRACKET_FLOW names no flow file, so what follows is the closed form alone.")
 
 # %% [markdown]
 # ## Material of the flange below the pin, pushed upwards
@@ -88,14 +102,34 @@ region_frame(after, [box("below", [0, -3, -11], [5, 3, -7]), box("above", [0, -3
 # %% [markdown]
 # The pattern of A is there already: fibres turn across the flow where it is stopped, and along it where it leaves.
 # What potential flow cannot give is the knit line's own signature, normals across the line (high N_θθ at 180°): it
-# has no fronts. With a flow file at hand the same plot is
+# has no fronts.
 #
-# ```python
-# flow = read_samples("runs/bracket/flow.vtkhdf")
-# path_figure(circle_path(...), flow)
-# ```
+# ## The same path in the solver run
 #
-# or, with the path named in the scene, `ppmc analyze configs/bracket.yaml`.
+# The paths are those of the scene that the flow file carries; `ppmc analyze` draws them too. J's Figs 13 and 14 are
+# the path `base`.
+
+# %%
+if flow_file:
+    first, last = read_samples(flow_file, frame=0, label="run"), read_samples(flow_file, label="run")
+    paths = scene_paths(flow_file)
+    rings = [path for path in paths.values() if path.components[1] == "θ"]
+    for ring in rings:
+        averages = path_averages(ring, last)
+        A, N = averages.fibre_tensor[:, 1, 1], averages.normal_tensor[:, 1, 1]
+        above = len(ring) // 2
+        print(
+            f"{ring.name}: below the hole A_θθ {A[0]:.2f}, N_θθ {N[0]:.2f}; above it {A[above]:.2f}, {N[above]:.2f}; "
+            f"{int((averages.particle_count == 0).sum())} of {len(ring)} regions empty"
+        )
+else:
+    print("Closed form only.")
+
+# %%
+path_figure(rings[0], first, last) if flow_file else path_figure(hole, after)
+
+# %%
+path_figure(paths["base"], first, last) if flow_file and "base" in paths else None
 
 # %%
 assert hoop[0] > 0.8

@@ -16,15 +16,30 @@
 #
 # so 0.7 says λ = 7/3: the charge covered about 43 % of the length. This notebook checks the formula on particles that
 # lie on a dome-like section, and shows why D6's local axes are needed to see it.
+#
+# With a solver run at hand, its flow file is set beside the formula at the end:
+#
+# ```sh
+# ppmc part double_dome --spacing 4 --output dome.yaml && ppmc run dome.yaml
+# PPMC_DOME_FLOW=runs/double_dome/flow.vtkhdf jupyter lab docs/notebooks/double_dome.py
+# ```
 
 # %%
+import os
+
 import numpy as np
 
-from ppmc.analysis.explore import path_averages, path_figure
+from ppmc.analysis.explore import path_averages, path_figure, read_samples, scene_paths
 from ppmc.analysis.local import local_frames, localise, material_normals, turned_to
 from ppmc.analysis.paths import swept_path
 from ppmc.analysis.samples import Samples
 from ppmc.orientation import push_affine
+
+flow_file = os.environ.get("PPMC_DOME_FLOW")
+if flow_file:
+    print(f"Solver run: {flow_file}, after the closed form.")
+else:
+    print("No solver run: PPMC_DOME_FLOW names no flow file, so what follows is the closed form alone.")
 
 # %% [markdown]
 # ## A prismatic section with slanted walls, covered with planar random fibres
@@ -89,3 +104,26 @@ share = a.fibre_tensor[:, 0, 0]
 print(f"A_aa along the path: mean {np.nanmean(share):.3f}, formula {stretch / (1 + stretch):.3f}")
 assert abs(np.nanmean(share) - 0.7) < 0.01
 assert np.nanmax(a.fibre_tensor[:, 2, 2]) < 0.05
+
+# %% [markdown]
+# ## The solver run
+#
+# The swept path of the scene that the flow file carries, in local axes from the tools' own normals. λ is how much
+# longer the charge has become along x3.
+
+# %%
+if flow_file:
+    first, last = read_samples(flow_file, frame=0, label="run"), read_samples(flow_file, label="run")
+    local_run = next(path for name, path in scene_paths(flow_file).items() if name.endswith("_local"))
+    found = path_averages(local_run, last)
+    grown = np.ptp(last.positions[:, 2]) / np.ptp(first.positions[:, 2])
+    print(
+        f"λ = {grown:.2f}: formula A_aa = {grown / (1 + grown):.3f}; run, mean over "
+        f"{int((found.particle_count > 0).sum())} of {len(local_run)} regions with material: "
+        f"{np.nanmean(found.fibre_tensor[:, 0, 0]):.3f}"
+    )
+else:
+    print("Closed form only.")
+
+# %%
+path_figure(local_run, first, last) if flow_file else path_figure(local, moulded)

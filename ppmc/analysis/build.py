@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ppmc.analysis.local import nearest_normals
+from ppmc.analysis.averages import RegionAverages
+from ppmc.analysis.local import localise, material_normals, nearest_normals, turned_to
 from ppmc.analysis.paths import AXIS_NAMES, InspectionPath, circle_path, line_path, straight_path, swept_path
 from ppmc.analysis.regions import Region, box, cylinder, everything, frame_about, sphere
 from ppmc.analysis.sources import Source
@@ -98,6 +99,31 @@ def tool_normals(scene: Scene, points: np.ndarray, time: float) -> np.ndarray | 
     if known.any():
         out[known] = nearest_normals(*compile_tools(scene.tooling, scene.directory).distances(points[known], time))
     return out
+
+
+def local_path(
+    scene: Scene, path: InspectionPath, section: SweptPath, averages: RegionAverages, time: float
+) -> InspectionPath:
+    """Return a swept path in local axes, with the normal of the tool nearest to the material of each region (D6).
+
+    Parameters
+    ----------
+    scene : Scene
+        Its tools give the normals; without tools the platelets' own mean normals stand in.
+    path : InspectionPath
+    section : SweptPath
+        What the path was made from.
+    averages : RegionAverages
+        Of the material, over the path's regions, in tool coordinates.
+    time : float
+        s; tools stand where they are then.
+    """
+    along, sweep = AXIS_NAMES.index(section.along), AXIS_NAMES.index(section.sweep)
+    normals, origin = tool_normals(scene, averages.centroid, time), "the nearest tool"
+    if normals is None:
+        normals, origin = material_normals(averages.normal_tensor), "the platelets, as no tool is known"
+    axes = np.eye(3)
+    return localise(path, turned_to(normals, axes[3 - along - sweep]), axes[along], origin)
 
 
 def extent(sources: Sequence[Source]) -> tuple[np.ndarray, np.ndarray]:

@@ -1,8 +1,8 @@
-"""Short cuts for notebooks: any ppmc file as samples, and path plots in one call.
+"""Short cuts for notebooks: any ppmc file as samples, the paths of its scene, and path plots in one call.
 
->>> from ppmc.analysis.explore import path_figure, read_samples
->>> flow = read_samples("runs/demo/flow.vtkhdf", frame=-1)
->>> path_figure(straight_path("base", 0, 50, *flow.bounds), flow)
+>>> from ppmc.analysis.explore import path_figure, read_samples, scene_paths
+>>> start, end = (read_samples("runs/bracket/flow.vtkhdf", frame=k) for k in (0, -1))
+>>> path_figure(scene_paths("runs/bracket/flow.vtkhdf")["hole_minus"], start, end)
 """
 
 from __future__ import annotations
@@ -14,12 +14,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ppmc.analysis.averages import RegionAverages, in_frames, region_averages
+from ppmc.analysis.build import build_path, local_path
 from ppmc.analysis.paths import InspectionPath
 from ppmc.analysis.regions import Region
 from ppmc.analysis.samples import Samples, join
 from ppmc.analysis.sources import charge_source, flow_source, orientations_source, truth_source
+from ppmc.errors import InputFileError
 from ppmc.files import open_series, read_particles, read_voxels
 from ppmc.files.guard import product_of
+from ppmc.scene import Scene
+from ppmc.scene.analysis import AnalysisSection
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -58,6 +62,38 @@ def read_samples(path: str | Path, frame: int = -1, label: str | None = None) ->
         return join(list(source.parts()), source.label)
 
 
+def scene_paths(path: str | Path, frame: int = -1) -> dict[str, InspectionPath]:
+    """Return the inspection paths, by name, of the scene that a flow file carries.
+
+    Parameters
+    ----------
+    path : str or Path
+        Flow file.
+    frame : int
+        Open ends reach as far as the material of this frame; local paths (``<name>_local``) take the tools as they
+        stand then.
+
+    Raises
+    ------
+    InputFileError
+        If the file is no flow, or was made without a scene.
+    """
+    with open_series(Path(path), "flow") as file:
+        source, stored = flow_source(file, frame), file.provenance.scene
+    if not stored:
+        raise InputFileError(f"{path}: carries no scene to take paths from; lay them by ppmc.analysis.paths")
+    scene = Scene.model_validate(stored)
+    section = scene.analysis or AnalysisSection()
+    out = {}
+    for name, spec in section.every_path.items():
+        out[name] = build_path(name, spec, [source])
+        if spec.kind == "swept" and spec.local:
+            averages = source.averages(out[name].regions)
+            local = local_path(scene, out[name], spec, averages, source.time or 0.0)
+            out[local.name] = local
+    return out
+
+
 def path_averages(path: InspectionPath, samples: Samples) -> RegionAverages:
     """Average over a path's regions, in the path's own components."""
     return in_frames(region_averages(samples, path.regions), path.frames)
@@ -81,6 +117,13 @@ def region_frame(samples: Samples, regions: list[Region] | tuple[Region, ...]) -
     from ppmc.analysis.tables import region_table
 
     return region_table(samples.label, samples.time, region_averages(samples, regions))
+
+
+def fourth_frame(samples: Samples, regions: list[Region] | tuple[Region, ...]) -> pd.DataFrame:
+    """Return the 15 independent components of 𝔸 and ℕ over regions as a pandas frame, columns A1111 to N3333."""
+    from ppmc.analysis.tables import fourth_table
+
+    return fourth_table(samples.label, samples.time, region_averages(samples, regions))
 
 
 def relabelled(samples: Samples, label: str) -> Samples:

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ppmc.analysis.averages import RegionAverages
-from ppmc.analysis.build import build_path, build_regions, tool_normals
+from ppmc.analysis.build import build_path, build_regions, local_path
 from ppmc.analysis.comparisons import compare_runs, compare_with_mask, compare_with_part
 from ppmc.analysis.ensemble import ensemble
 from ppmc.analysis.fill import CELL_IN_SPACINGS, fill_times
 from ppmc.analysis.kinematics import Kinematics, kinematics
 from ppmc.analysis.knit import find_knit_lines
-from ppmc.analysis.local import localise, material_normals, turned_to
 from ppmc.analysis.occupancy import cells_around
 from ppmc.analysis.paths import AXIS_NAMES
 from ppmc.analysis.results import Analysed, FlowMaps, Results, press_force
@@ -79,6 +78,10 @@ def gather(scene: Scene, section: AnalysisSection, opened: Opened) -> Results:
         empty = [e.source.title for e in results.shown if e.source.count and not e.regions.particle_count[k]]
         if empty:
             notes.append(f"Region '{region.name}' ({region.describe()}) holds no point of: {'; '.join(empty)}.")
+    for k, path in enumerate(paths):
+        empty = [e.source.title for e in results.shown if e.source.count and not e.paths[k].particle_count.any()]
+        if empty:
+            notes.append(f"Path '{path.name}' meets no point of: {'; '.join(empty)}.")
     seeds = [analyse(_run_source(label, file), results) for label, file in opened.seeds]
     _add_local_paths(scene, section, results, seeds)
     if seeds and results.frames:
@@ -165,14 +168,8 @@ def _add_local_paths(scene: Scene, section: AnalysisSection, results: Results, s
         spec = section.every_path[path.name]
         if spec.kind != "swept" or not spec.local:
             continue
-        axial = np.eye(3)[AXIS_NAMES.index(spec.along)]
-        up = np.eye(3)[3 - AXIS_NAMES.index(spec.along) - AXIS_NAMES.index(spec.sweep)]
-        normals, origin = tool_normals(scene, last.paths[k].centroid, last.source.time or 0.0), "the nearest tool"
-        if normals is None:
-            normals = material_normals(last.paths[k].normal_tensor)
-            origin = "the platelets, as no tool is known"
-        normals = turned_to(normals, up)
-        results.paths = (*results.paths, localise(path, normals, axial, origin))
+        local = local_path(scene, path, spec, last.paths[k], last.source.time or 0.0)
+        results.paths = (*results.paths, local)
         for entries in (results.analysed, seeds):
             entries[:] = [replace(e, paths=(*e.paths, e.paths[k])) for e in entries]
 

@@ -73,7 +73,7 @@ def kinematics(
         average = float(np.average(J, weights=volume))
         sd = float(np.sqrt(np.average((J - average) ** 2, weights=volume)))
         least, largest = float(J.min()), float(J.max())
-        low, high = (float(q) for q in np.percentile(J, [1.0, 99.0]))
+        low, high = (float(q) for q in np.percentile(J, [1.0, 99.0], weights=volume, method="inverted_cdf"))
     extent = positions.max(axis=0) - positions.min(axis=0) if n else np.full(3, np.nan)
     return Kinematics(float(time), n, mean, spread, average, sd, least, largest, low, high, extent)
 

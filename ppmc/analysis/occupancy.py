@@ -9,16 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.analysis.samples import Samples
+from ppmc.compile_cache import njit
+
+Array = NDArray[Any]
 
 CELL_IN_SPACINGS = 0.5
 MOST_CELLS = 20_000_000
 MOST_BITS = 10  # along each edge of a piece
-BITS_A_BATCH = 4_000_000
 HALF_FULL = 0.5
 NEARLY_FULL = 0.7
 
@@ -97,13 +100,26 @@ def fill_shares(parts: Iterable[Samples], cells: Cells, axes: np.ndarray | None 
         marks = (np.arange(bits) + 0.5) / bits - 0.5
         offsets = np.stack(np.meshgrid(marks, marks, marks, indexing="ij"), -1).reshape(-1, 3) @ edges
         share = part.volume * np.abs(np.linalg.det(F)) / (len(offsets) * cells.size**3)
-        batch = max(1, BITS_A_BATCH // len(offsets))
-        for start in range(0, n, batch):
-            k = slice(start, start + batch)
-            moved = np.einsum("nij,bj->nbi", F[k] * side[k, None, None], offsets) + part.positions[k, None, :]
-            index = cells.index(moved.reshape(-1, 3))
-            total += np.bincount(index, weights=np.repeat(share[k], len(offsets)), minlength=len(total))
+        pieces = (part.positions.astype(float), np.ascontiguousarray(F * side[:, None, None]), share)
+        _scatter(*pieces, offsets, cells.origin, cells.size, np.array(cells.shape), total)
     return total.reshape(cells.shape)
+
+
+@njit
+def _scatter(
+    positions: Array, edges: Array, share: Array, offsets: Array, origin: Array, size: float, shape: Array, total: Array
+) -> None:
+    """Add the share of every bit of every piece to the cell it lies in; bits outside go to the nearest cell."""
+    for i in range(positions.shape[0]):
+        for b in range(offsets.shape[0]):
+            cell = 0
+            for d in range(3):
+                x = positions[i, d]
+                for e in range(3):
+                    x += edges[i, d, e] * offsets[b, e]
+                k = int(np.floor((x - origin[d]) / size))
+                cell = cell * shape[d] + min(max(k, 0), shape[d] - 1)
+            total[cell] += share[i]
 
 
 def occupancy(parts: Iterable[Samples], cells: Cells, axes: np.ndarray | None = None) -> NDArray[np.float64]:

@@ -53,11 +53,25 @@ def draw_views(results: Results, section: AnalysisSection) -> tuple[list[Picture
     jobs += _flow_views(results, section)
     if "difference" in section.views:
         jobs += _difference_views(results)
+    _note_missing(results, section, [name for name, *_ in jobs])
     figures, reason = draw_clouds([view for *_, view in jobs])
     return [
         Picture(name, heading, caption, to_png(drawing))
         for (name, heading, caption, _), drawing in zip(jobs, figures, strict=True)
     ], reason
+
+
+def _note_missing(results: Results, section: AnalysisSection, drawn: list[str]) -> None:
+    """Say which views and cuts that the scene asks for have nothing to show."""
+    wanted = {name: (f"view_{name}_", name, f"{name}_") for name in section.views if name != "difference"}
+    missing = [name for name, marks in wanted.items() if not any(d.startswith(marks) for d in drawn)]
+    if results.flow_maps is not None and not len(results.flow_maps.knit) and "knit_line" in missing:
+        missing.remove("knit_line")  # the section on knit lines says that there is none
+    if missing and "views" in section.model_fields_set:
+        results.notes.append(f"Views not drawn, as no source carries what they show: {', '.join(missing)}.")
+    for title in section.cuts:
+        if not any(d.startswith(f"cut_{title}_") for d in drawn):
+            results.notes.append(f"Cut '{title}' leaves no material to show.")
 
 
 def _source_views(entry: Analysed, section: AnalysisSection, last: bool) -> list[tuple[str, str, str, CloudView]]:

@@ -24,14 +24,15 @@ class InputFile:
     Attributes
     ----------
     name, product, digest : str
-        File name, contract, SHA-256.
-    provenance : Provenance
+        File name, contract or what it is here for, SHA-256.
+    provenance : Provenance or None
+        None for files that carry none, such as meshes.
     """
 
     name: str
     product: str
     digest: str
-    provenance: Provenance
+    provenance: Provenance | None
 
 
 def write_report(
@@ -129,9 +130,9 @@ def _provenance(page: Document, inputs: Sequence[InputFile], own: Provenance) ->
             [
                 i.product,
                 i.name,
-                i.provenance.creator,
-                i.provenance.ppmc_version,
-                "none" if i.provenance.seed is None else str(i.provenance.seed),
+                i.provenance.creator if i.provenance is not None else None,
+                i.provenance.ppmc_version if i.provenance is not None else None,
+                None if i.provenance is None or i.provenance.seed is None else str(i.provenance.seed),
                 i.digest,
             ]
             for i in inputs

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -111,6 +112,8 @@ def run(
                 for label, source in {"input": results.frames[-1].source, **scans}.items()
                 if source.count
             }
+            if not mapped:
+                results.notes.append(f"Mesh {mesh.path.name}: no source holds a point to map.")
         bar.update(3, "comparisons")
         pictures, reason = draw_views(results, section)
         if reason is not None:
@@ -124,9 +127,15 @@ def run(
         pictures = draw_curves(results) + pictures
         bar.update(5, "curves")
         own = Provenance.collect("ppmc.analysis", scene=scene, sections=("analysis",), inputs=given)
+        kinds = [*named, *["compare"] * len(compare), *["seed"] * len(seeds)]
+        origins = [getattr(opened, name).provenance for name in named]
+        origins += [file.provenance for _, file in (*opened.compare, *opened.seeds)]
+        if opened.moulded is not None:
+            kinds, origins = [*kinds, "moulded"], [*origins, opened.moulded.provenance]
+        kinds += ["mesh"] * (mesh_path is not None) + ["mask"] * (mask_path is not None)
         inputs = [
-            InputFile(path.name, name, own.inputs.get(path.name, ""), getattr(opened, name).provenance)
-            for name, path in named.items()
+            InputFile(name, kind, digest, origin)
+            for (name, digest), kind, origin in zip_longest(own.inputs.items(), kinds, origins)
         ]
         write_results(scene, section, results, pictures, inputs, own, output, mapped)
         bar.update(6, "report")

@@ -34,6 +34,19 @@ def file_digest(path: Path) -> str:
     return digest.hexdigest()
 
 
+def _digests(paths: Iterable[Path]) -> dict[str, str]:
+    """Return the digest of each file by name; files of one name are told apart by their folder, then by a number."""
+    found: dict[str, str] = {}
+    for path in paths:
+        name, k = path.name, 2
+        if name in found:
+            name = f"{path.absolute().parent.name}/{path.name}"
+        while name in found:
+            name, k = f"{path.absolute().parent.name}/{path.name} ({k})", k + 1
+        found[name] = file_digest(path)
+    return found
+
+
 def _packages() -> dict[str, str]:
     """Return the versions of the packages that results can depend on."""
     found = {}
@@ -56,7 +69,7 @@ class Provenance:
     scene : dict
         The resolved scene, defaults written out.
     inputs : dict
-        SHA-256 of each input by file name.
+        SHA-256 of each input by file name; files of one name have their folder before it.
     seed : int or None
         Seed of the random draws, None where there were none.
     key : str
@@ -97,7 +110,7 @@ class Provenance:
             Seed, for stages that draw random numbers.
         """
         resolved = scene.resolved() if scene is not None else {}
-        digests = {Path(p).name: file_digest(p) for p in inputs if p is not None}
+        digests = _digests([Path(p) for p in inputs if p is not None])
         decides = {
             "creator": creator,
             "version": __version__,

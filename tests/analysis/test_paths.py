@@ -39,6 +39,23 @@ def test_circle_sees_an_analytic_field() -> None:
     assert np.allclose(path.frames[18, 0], [0, 1, 0], atol=1e-12)
 
 
+def test_circle_turns_every_fibre_exactly() -> None:
+    """δ past the middle of a sector the same fibre has p_r = ½ cos δ − √¾ sin δ in the sector's own axes."""
+    x, radial, hoop = ring(20_000)
+    s = Samples("ring", x, np.ones(len(x)), 0.5 * radial + np.sqrt(0.75) * hoop)
+    path = circle_path("hole", [0, 3, 20], [1, 0, 0], [0, 0, -1], 4, 8, 3, 36, 10.0)
+    a = in_frames(region_averages(s, path.regions), path.frames)
+    d = x - [0, 3, 20]
+    theta = np.degrees(np.arctan2(d[:, 1], -d[:, 2]))
+    for k, region in enumerate(path.regions):
+        delta = np.radians(theta[region.contains(x)] - path.coordinate[k])
+        p_r = 0.5 * np.cos(delta) - np.sqrt(0.75) * np.sin(delta)
+        p_t = 0.5 * np.sin(delta) + np.sqrt(0.75) * np.cos(delta)
+        expected = [[np.mean(p_r**2), np.mean(p_r * p_t)], [np.mean(p_r * p_t), np.mean(p_t**2)]]
+        assert np.abs(a.fibre_tensor[k, :2, :2] - expected).max() < 1e-12
+        assert a.fibre_tensor4[k, 0, 0, 1, 1] == pytest.approx(np.mean(p_r**2 * p_t**2), abs=1e-12)
+
+
 def test_circle_covers_the_ring_once() -> None:
     x, radial, _ = ring(5000)
     s = Samples("ring", x, np.ones(len(x)), radial)

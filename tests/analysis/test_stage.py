@@ -13,6 +13,7 @@ from ppmc.analysis.rendering import Rendered
 from ppmc.analysis.sources import flow_source
 from ppmc.errors import InputFileError, SceneError
 from ppmc.files import SeriesWriter, open_series
+from ppmc.files.provenance import file_digest
 from ppmc.orientation import push_affine
 from ppmc.scene import Scene, parse_scene
 from tests.analysis.conftest import Chain, blank_pictures
@@ -147,6 +148,42 @@ def test_one_time_step_without_normals_or_forces_is_shown_as_such(chain: Chain, 
     table = pd.read_csv(tmp_path / "tables" / "regions.csv")
     assert len(table) == 1 and table.N11.isna().all() and table.A11.notna().all()
     assert not (tmp_path / "tables" / "press_force.csv").exists()
+
+
+def test_what_cannot_be_shown_is_said(chain: Chain, tmp_path: Path) -> None:
+    scene = parse_scene("""
+name: away
+analysis:
+  paths:
+    away: {kind: circle, centre: [500, 0, 0], inner_radius: 1, outer_radius: 2, height: 1}
+    here: {kind: straight, slices: 3}
+  views: [fibre_direction, fill_time]
+  cuts: {beyond: {point: [-99, 0, 0], normal: [1, 0, 0]}}
+""")
+    stage.run(scene, input=chain.charge, output=tmp_path / "analysis.vtkhdf")
+    text = (tmp_path / "report.html").read_text()
+    for words in ("Path &#x27;away&#x27; meets no point", "show: fill_time", "Cut &#x27;beyond&#x27; leaves no"):
+        assert words in text
+    assert "&#x27;here&#x27; meets" not in text
+    table = pd.read_csv(tmp_path / "tables" / "paths.csv")
+    assert (table[table.path == "away"].particle_count == 0).all() and table[table.path == "away"].A11.isna().all()
+
+
+def test_every_input_is_named_with_its_digest(chain: Chain, tmp_path: Path) -> None:
+    other = tmp_path / "other" / "flow.vtkhdf"
+    other.parent.mkdir()
+    with open_series(chain.flow, "flow") as file:
+        frame = file.frame(-1)
+        names = ("fibre_direction", "deformation_gradient", "volume_ratio", "velocity", "pressure")
+        writer = SeriesWriter.create(
+            tmp_path / "partial.vtkhdf", file.n, file.static, names, (), provenance=file.provenance
+        )
+        writer.append(0.0, frame["position"] + 1.0, {name: frame[name] for name in names})
+        writer.seal(other)
+    scene = parse_scene("name: two\nanalysis: {views: []}")
+    stage.run(scene, input=chain.flow, output=tmp_path / "out" / "analysis.vtkhdf", seeds=[other])
+    inputs = json.loads((tmp_path / "out" / "analysis.json").read_text())["inputs"]
+    assert inputs == {"flow.vtkhdf": file_digest(chain.flow), "other/flow.vtkhdf": file_digest(other)}
 
 
 def test_same_input_gives_the_same_bytes(chain: Chain, tmp_path: Path) -> None:

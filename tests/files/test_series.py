@@ -173,6 +173,17 @@ def test_killed_writer_leaves_every_finished_frame_readable(tmp_path: Path) -> N
                 same_frame(flow.frame(k), 3, n)
 
 
+def test_inputs_of_one_name_are_kept_apart(tmp_path: Path) -> None:
+    paths = [tmp_path / folder / "flow.vtkhdf" for folder in ("a", "b", "c/b")]
+    for path in paths:
+        path.parent.mkdir(parents=True)
+        path.write_text(str(path.parent.relative_to(tmp_path)))
+    found = Provenance.collect("ppmc.test", inputs=paths)
+    assert list(found.inputs) == ["flow.vtkhdf", "b/flow.vtkhdf", "b/flow.vtkhdf (2)"]
+    assert len(set(found.inputs.values())) == 3
+    assert found.key != Provenance.collect("ppmc.test", inputs=paths[::-1]).key
+
+
 def test_provenance_is_kept(tmp_path: Path) -> None:
     source = tmp_path / "in.txt"
     source.write_text("x")
