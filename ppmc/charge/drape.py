@@ -27,8 +27,9 @@ Array = NDArray[np.floating]
 LEAST_AREA_RATIO = 0.1
 # Cosine between a face's normal and `down` above which no sheet stays on it.
 UNDERSIDE = 0.05
-# A mean width over the thickness that exceeds the middle's by more than this is taken back.
+# A mean width or length over the thickness that exceeds the flat sheet's by more than this is taken back.
 WIDER = 0.002
+GIVE = 0.004
 
 
 @dataclass(frozen=True)
@@ -82,20 +83,26 @@ def drape(domain: DrapedDomain, sheet: Lattice, distance: Distance) -> Draped:
     if not isometric:
         start = relax_coarsely(start, hu, hv, domain.poisson_ratio, project)
     nodes, residual, _ = relax(start, hu, hv, domain.poisson_ratio, track)
-    draped, over = _thickened(domain, sheet, project, _at_columns(nodes, u, v, sheet))
-    if max(over) > 1.0 + WIDER:
-        # Outer halves of bends are longer than inner ones: the middle takes less, so that the mean over the
-        # thickness keeps the flat sheet's width and length.
-        nodes, residual, _ = relax(nodes, hu / over[0], hv / over[1], domain.poisson_ratio, track)
-        draped, _ = _thickened(domain, sheet, project, _at_columns(nodes, u, v, sheet))
-    draped.notes["forming_residual_strain"] = residual
+    draped = _thickened(domain, sheet, project, _at_columns(nodes, u, v, sheet))
+    # Outer halves of bends are longer than inner ones; the middle takes less, so that the mean over the thickness is no
+    # wider or longer than the flat sheet. A sheet that is pressed together one way also gives way the other: of that
+    # GIVE is left, for the straight parts would pay for all of it.
+    for give in (0.0, GIVE, GIVE):
+        over = [max(draped.notes[f"{name}_ratio"] - give, 1.0) for name in ("length", "width")]
+        thicker = [max(draped.notes[f"{name}_over_middle"], 1.0) for name in ("length", "width")]
+        if give == 0.0:
+            over = [min(o, t) for o, t in zip(over, thicker, strict=True)]
+        if max(over) < 1.0 + WIDER:
+            continue
+        hu, hv = hu / over[0], hv / over[1]
+        nodes, residual, _ = relax(nodes, hu, hv, domain.poisson_ratio, track)
+        draped = _thickened(domain, sheet, project, _at_columns(nodes, u, v, sheet))
+    draped.notes["forming_residual_strain"] = float(residual)
     return draped
 
 
-def _thickened(
-    domain: DrapedDomain, sheet: Lattice, project: Project, columns: Array
-) -> tuple[Draped, tuple[float, float]]:
-    """Return the sheet round its middle surface, and its mean length and width over those of the middle.
+def _thickened(domain: DrapedDomain, sheet: Lattice, project: Project, columns: Array) -> Draped:
+    """Return the sheet round its middle surface.
 
     Parameters
     ----------
@@ -141,14 +148,12 @@ def _thickened(
     notes = {
         "length_ratio": long / flat_long if n1 > 1 else 1.0,
         "width_ratio": wide / flat_wide if n2 > 1 else 1.0,
+        "length_over_middle": long / _mean_extent(middle[None], 1) if n1 > 1 else 1.0,
+        "width_over_middle": wide / _mean_extent(middle[None], 2) if n2 > 1 else 1.0,
         "least_areal_stretch": float(a0.min()),
         "largest_areal_stretch": float(a0.max()),
     }
-    over = (
-        long / _mean_extent(middle[None], 1) if n1 > 1 else 1.0,
-        wide / _mean_extent(middle[None], 2) if n2 > 1 else 1.0,
-    )
-    return Draped(positions.reshape(-1, 3), gradient.reshape(-1, 3, 3), notes), over
+    return Draped(positions.reshape(-1, 3), gradient.reshape(-1, 3, 3), notes)
 
 
 def turned(frames: Frames, draped: Draped) -> Frames:

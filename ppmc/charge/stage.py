@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -71,16 +72,19 @@ def run(scene: Scene, *, input: Path | None = None, output: Path, volume: Path |
     inputs = _inputs(scene, section, input, volume)
     check_output(output, inputs)
     generator = np.random.default_rng([scene.seed, STAGE_NUMBER])
-    if isinstance(section.domain, DrapedDomain):
-        lattice, frames = _draped(scene, section, section.domain, generator, inputs)
-    else:
-        lattice = lattice_of(section, scene.directory)
-        frames = _frames(scene, section, lattice, generator, inputs)
-    provenance = Provenance.collect(
-        creator="ppmc.charge", scene=scene, sections=_sections(section), inputs=inputs, seed=scene.seed
-    )
+    # The digest of a large CT file takes longer than the map from it.
+    with ThreadPoolExecutor(1) as beside:
+        provenance = beside.submit(
+            Provenance.collect,
+            creator="ppmc.charge", scene=scene, sections=_sections(section), inputs=inputs, seed=scene.seed,
+        )  # fmt: skip
+        if isinstance(section.domain, DrapedDomain):
+            lattice, frames = _draped(scene, section, section.domain, generator, inputs)
+        else:
+            lattice = lattice_of(section, scene.directory)
+            frames = _frames(scene, section, lattice, generator, inputs)
     write_particles(
-        output, "charge", lattice.positions, _fields(lattice, frames), provenance=provenance,
+        output, "charge", lattice.positions, _fields(lattice, frames), provenance=provenance.result(),
         extra=summary(lattice, frames),
     )  # fmt: skip
     return output

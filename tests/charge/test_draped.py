@@ -85,6 +85,25 @@ def test_real_volume_of_a_draped_sheet():
     assert draped.positions[:, 0].mean() == pytest.approx(0, abs=0.05)
 
 
+def test_sheet_over_round_ends_keeps_width_and_volume():
+    # The axial charge must be pressed together over the dome's ends; it gives way there, not in width or volume.
+    part = DoubleDome(charge="axial")
+    sheet, draped, _ = laid(
+        {"tool": part.tooling()["punch"]}, 6.0, layers=2, **{**part.charge_domain(), "tool": "tool"}
+    )
+    n3, n2, n1 = sheet.shape
+    places = draped.positions.reshape(n3, n2, n1, 3)
+    widths = np.linalg.norm(np.diff(places, axis=1), axis=-1).sum(axis=1).mean(axis=0) / (part.sheet[0] * (n2 - 1) / n2)
+    assert widths.mean() == pytest.approx(1, abs=6e-3)
+    assert widths[n1 // 3 : -(n1 // 3)] == pytest.approx(1, abs=1e-2)
+    assert widths.mean() == pytest.approx(draped.notes["width_ratio"], abs=1e-3)
+    assert 0.95 < draped.notes["length_ratio"] < 1
+    np.testing.assert_allclose(np.linalg.det(draped.deformation_gradient), 1, atol=1e-9)
+    # Where the middle is pressed together the sheet is as much thicker.
+    along, across, up = (np.linalg.norm(draped.deformation_gradient[..., a], axis=-1) for a in range(3))
+    assert up.max() > 1.2 and np.all(up * along * across > 1 - 1e-9)
+
+
 def test_fibres_turn_with_the_sheet():
     sheet, draped, distance = laid(PIPE, size=[10, 40, 2])
     across = Frames.of(np.tile([0.0, 1, 0], (sheet.n, 1)), np.tile([0.0, 0, 1], (sheet.n, 1)), 0)
@@ -102,6 +121,19 @@ def test_small_sheet_on_a_ball_stretches_as_it_must():
     # A cap of radius a on a sphere of radius R has Gaussian curvature strain of order (a/R)^2/16.
     assert 0.98 < draped.notes["least_areal_stretch"] < 1 < draped.notes["largest_areal_stretch"] < 1.02
     assert draped.notes["forming_residual_strain"] < 1e-4
+
+
+def test_areal_strain_on_a_ball_follows_from_its_curvature():
+    # Equilibrium and compatibility of a plane elastic sheet of small strain on a surface of Gaussian curvature K:
+    # the Laplacian of the areal strain is -(1 - nu) K, whatever the sheet's outline.
+    sheet, draped, _ = laid(BALL, spacing=0.5, layers=1, size=[12, 12, 0.1])
+    _, n2, n1 = sheet.shape
+    area = 1.0 / np.linalg.norm(draped.deformation_gradient[..., 2], axis=-1)
+    x, y = sheet.positions[:, 0], sheet.positions[:, 1]
+    inner = np.hypot(x, y) < 3.0
+    terms = np.stack([np.ones(n1 * n2), x**2, y**2, x**4 - 6 * x**2 * y**2 + y**4], axis=1)
+    (_, xx, yy, _), *_ = np.linalg.lstsq(terms[inner], area[inner] - 1.0, rcond=None)
+    assert 2 * (xx + yy) == pytest.approx(-(1 - 0.3) / 30.05**2, rel=0.05)
 
 
 @pytest.mark.parametrize(
