@@ -25,6 +25,7 @@ CAPTIONS = {
     "platelets": "Platelets, neighbours told apart by colour (which has no other meaning) [–]",
     "maps": "Largest principal stretch λ1 [–], platelet shear angle [°], volume ratio J [–], as far as known",
 }
+SPLIT = ("dominant_direction", "iso_surface")  # pieces, with the rest of the part shown faintly
 MAKERS: dict[str, Callable[[Samples, float], list[Panel]]] = {
     "fibre_direction": lambda s, _: panels.squares(s, "fibre_direction"),
     "platelet_normal": lambda s, _: panels.squares(s, "platelet_normal"),
@@ -90,7 +91,7 @@ def _source_views(entry: Analysed, section: AnalysisSection, last: bool) -> list
                     f"view_{name}_{suffix}",
                     "Views",
                     f"{CAPTIONS[name]}; {counted}",
-                    CloudView(samples.positions, spacing, shown),
+                    CloudView(samples.positions, spacing, shown, ghost=samples.positions if name in SPLIT else None),
                 )
             )
     for title, cut in section.cuts.items() if last or source.product in ("orientations", "moulded") else ():
@@ -127,11 +128,11 @@ def _flow_views(results: Results, section: AnalysisSection) -> list[tuple[str, s
         bounds = CloudView(s.positions, maps.spacing, []).frame
         crossing = Panel("fibres across", k.crossing, "$A_{cc}$ [–]", (0.0, 1.0))
         normal = Panel("normals across", k.normal_across, "$N_{cc}$ [–]", (0.0, 1.0))
-        view = CloudView(s.positions[k.index], maps.spacing, [crossing, normal], bounds)
+        view = CloudView(s.positions[k.index], maps.spacing, [crossing, normal], bounds, ghost=s.positions)
         caption = (
-            f"Knit lines: the {len(k):,} of {n:,} particles that met neighbours from elsewhere. Share of fibres "
-            "across the "
-            "line A_cc [–] (0: nothing reinforces it) and of normals N_cc [–]."
+            f"Knit lines: the {len(k):,} of {n:,} particles that met neighbours from elsewhere. Share of fibres across "
+            "the line A_cc [–] (0: nothing reinforces it) and of normals N_cc [–]; the rest of the part in grey. "
+            "Axes in mm."
         )
         jobs.append(("knit_line", "Filling and knit lines", caption, view))
     return jobs

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+GHOST_OPACITY = 0.12
+ROOM_FOR_LABELS = 0.78  # zoom; the white rim that is left is cut off
 SHORT_AXIS = 0.15  # of the longest; ticks on a shorter one would print over each other
 
 
@@ -48,6 +50,10 @@ def draw(job: dict[str, Any], folder: Path) -> None:
         )
         # The mapper takes the ball's radius in mm; pyvista's point_size counts pixels.
         plotter.mapper.scale_factor = job["radius"]
+    if "ghost" in data:
+        # Coarse dots, seen through: enough to tell where in the part one looks.
+        ghost = pv.PolyData(data["ghost"])
+        plotter.add_mesh(ghost, color="gray", style="points", point_size=2, opacity=GHOST_OPACITY, lighting=False)
     bounds = job["bounds"] or list(cloud.bounds)
     if width > 100:
         titles, labels = axis_titles(bounds)
@@ -60,7 +66,7 @@ def draw(job: dict[str, Any], folder: Path) -> None:
     plotter.enable_parallel_projection()
     plotter.camera_position = [tuple(centre + 100.0 * np.array(job["direction"])), tuple(centre), (0.0, 0.0, 1.0)]
     plotter.reset_camera(bounds=bounds)
-    plotter.camera.zoom(0.95)
+    plotter.camera.zoom(ROOM_FOR_LABELS)
     plotter.screenshot(str(folder / f"{job['number']}.png"))
     plotter.close()
 

@@ -48,6 +48,8 @@ class PointsView:
         Pixels.
     triangles : ndarray, shape (m, 3), optional
         With them the points are the corners of a surface.
+    ghost : ndarray, shape (k, 3), optional
+        Points that hint at the rest of the part, mm.
     """
 
     points: np.ndarray
@@ -57,8 +59,9 @@ class PointsView:
     colours: str = "viridis"
     bounds: tuple[float, ...] | None = None
     direction: tuple[float, float, float] = (0.9, -1.5, 1.0)
-    size: tuple[int, int] = (800, 600)
+    size: tuple[int, int] = (960, 760)
     triangles: np.ndarray | None = None
+    ghost: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -137,6 +140,8 @@ def _store(view: PointsView, folder: Path, k: int) -> dict[str, Any]:
     arrays = {"points": view.points.astype(np.float32), "values": view.values.astype(np.float32)}
     if view.triangles is not None:
         arrays["triangles"] = view.triangles.astype(np.int64)
+    if view.ghost is not None and len(view.ghost):
+        arrays["ghost"] = view.ghost.astype(np.float32)
     np.savez(folder / f"{k}.npz", **arrays)  # type: ignore[arg-type]
     return {
         "number": k,

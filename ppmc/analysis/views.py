@@ -66,6 +66,8 @@ class CloudView:
         Frame to show; around the points if left out.
     direction : (float, float, float)
         From the object to the eye.
+    ghost : ndarray, shape (k, 3), optional
+        Points of the rest of the part, shown faintly, mm.
     """
 
     positions: np.ndarray
@@ -73,6 +75,7 @@ class CloudView:
     panels: Sequence[Panel]
     bounds: tuple[float, ...] | None = None
     direction: tuple[float, float, float] = EYE
+    ghost: np.ndarray | None = None
 
     @property
     def frame(self) -> tuple[float, ...]:
@@ -92,18 +95,19 @@ def draw_clouds(views: Sequence[CloudView]) -> tuple[list[Figure], str | None]:
     """
     jobs: list[PointsView] = []
     for view in views:
+        ghost = view.ghost
+        if ghost is not None:
+            ghost = ghost[outer_points(ghost, view.spacing)]
         for panel in view.panels:
+            look = (panel.limits, panel.colours, view.frame, view.direction)
             if panel.surface is not None:
                 s = panel.surface
-                look = (panel.limits, panel.colours, view.frame, view.direction)
-                jobs.append(PointsView(s.points, s.values, 0.0, *look, triangles=s.triangles))
+                jobs.append(PointsView(s.points, s.values, 0.0, *look, triangles=s.triangles, ghost=ghost))
                 continue
             shown = np.flatnonzero(np.isfinite(panel.values))
             seen = shown[outer_points(view.positions[shown], view.spacing)]
             points, values = view.positions[seen], panel.values[seen]
-            radius = BALL * view.spacing
-            colour = (panel.limits, panel.colours)
-            jobs.append(PointsView(points, values, radius, *colour, view.frame, view.direction))
+            jobs.append(PointsView(points, values, BALL * view.spacing, *look, ghost=ghost))
     rendered = render(jobs)
     figures, at = [], 0
     for view in views:
