@@ -16,12 +16,9 @@
 import numpy as np
 
 from ppmc.analysis.disk import disk_tensor_mode, disk_tensors
-from ppmc.analysis.plots import COLOURS, DASHES, figure
+from ppmc.analysis.explore import disk_figure
 from ppmc.orientation.fitted_closures import CLOSURES
 from ppmc.orientation.tensor_ode import TensorModel
-
-z = np.linspace(-0.99, 0.99, 199)
-A, N = disk_tensors(20.0, z)
 
 # %% [markdown]
 # ## Figures 15 and 16 of J
@@ -30,14 +27,7 @@ A, N = disk_tensors(20.0, z)
 # thickness.
 
 # %%
-drawing = figure(10, 3.8)
-for ax, tensor, symbol in zip(drawing.subplots(1, 2, sharey=True), (A, N), "AN", strict=True):
-    for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 2))):
-        ax.plot(z, tensor[:, i, j], color=COLOURS[k], linestyle=DASHES[k], label=f"{symbol}$_{{{i + 1}{j + 1}}}$")
-    ax.set_xlabel("height z / half-thickness [–]")
-    ax.set_ylabel(f"{'fibre' if symbol == 'A' else 'normal'} tensor {symbol} [–]")
-    ax.legend(frameon=False)
-drawing
+disk_figure(radius=20.0, inlet_radius=1.0)
 
 # %% [markdown]
 # Fibres lie along the flow near the walls and across it at the midplane; normals point through the thickness nearly

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ppmc.analysis.build import build_path, build_regions
+from ppmc.analysis.comparisons import read_picture
 from ppmc.analysis.mesh import read_mesh
 from ppmc.analysis.regions import Region
 from ppmc.analysis.rendering import probe
 from ppmc.analysis.sources import Source
+from ppmc.errors import InputFileError
 
 if TYPE_CHECKING:
     from ppmc.scene import Scene
@@ -22,7 +24,7 @@ def findings(scene: Scene) -> list[str]:
     Raises
     ------
     InputFileError
-        If the scene names a mesh that cannot be read.
+        If the scene names a mesh or a mask that cannot be read.
     SceneError
         If a path contradicts itself.
     """
@@ -45,6 +47,16 @@ def findings(scene: Scene) -> list[str]:
         low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
         size = " x ".join(f"{v:.4g}" for v in high - low)
         lines.append(f"mesh {mesh.path.name}: {len(mesh.centres):,} elements, {size} mm")
+    mask = section.front.mask
+    if mask is not None:
+        path = scene.locate(mask.path)
+        if path.suffix != ".vtkhdf":
+            marked = read_picture(path, mask.material)
+            wide, tall = (n * mask.pixel for n in marked.shape)
+            area = f"{marked.mean():.0%} of it material"
+            lines.append(f"mask {path.name}: {wide:.4g} x {tall:.4g} mm seen along {section.front.axis}, {area}")
+        elif not path.exists():
+            raise InputFileError(f"{path}: no such file; analysis.front.mask names it")
     if section.views or section.animation:
         status = probe()
         lines.append(

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ppmc.analysis.averages import RegionAverages, in_frames, region_averages
 from ppmc.analysis.build import build_path, local_path
@@ -19,7 +20,7 @@ from ppmc.analysis.paths import InspectionPath
 from ppmc.analysis.regions import Region
 from ppmc.analysis.samples import Samples, join
 from ppmc.analysis.sources import charge_source, flow_source, orientations_source, truth_source
-from ppmc.errors import InputFileError
+from ppmc.errors import InputFileError, SceneError
 from ppmc.files import open_series, read_particles, read_voxels
 from ppmc.files.guard import product_of
 from ppmc.scene import Scene
@@ -28,6 +29,8 @@ from ppmc.scene.analysis import AnalysisSection
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
+
+    from ppmc.orientation.tensor_ode import TensorModel
 
 
 def read_samples(path: str | Path, frame: int = -1, label: str | None = None) -> Samples:
@@ -110,6 +113,65 @@ def path_figure(path: InspectionPath, *samples: Samples) -> Figure:
         bands = (a.fibre_error, a.normal_error) if known else (None, None)
         series.append(PathSeries(s.title, a.fibre_tensor, a.normal_tensor, *bands))
     return plot_path(path, series)
+
+
+def view_figure(samples: Samples, name: str, cut: tuple[ArrayLike, ArrayLike] | None = None) -> Figure:
+    """Draw a view of the report: squares of a direction, the part split by direction, platelets, maps.
+
+    Parameters
+    ----------
+    samples : Samples
+    name : str
+        ``fibre_direction``, ``platelet_normal``, ``dominant_direction``, ``iso_surface``, ``platelets`` or ``maps``.
+    cut : (point, normal), optional
+        Plane that opens the part; what lies on the normal's side is left out.
+
+    Raises
+    ------
+    SceneError
+        If there is no such view, or the samples do not carry what it shows.
+    """
+    from ppmc.analysis.pictures import MAKERS, SPLIT, open_to
+    from ppmc.analysis.views import EYE, CloudView, draw_clouds
+
+    if name not in MAKERS:
+        raise SceneError(f"no view '{name}'; there are {', '.join(MAKERS)}")
+    direction = EYE
+    if cut is not None:
+        point, normal = (np.asarray(v, dtype=float) for v in cut)
+        samples = samples.select((samples.positions - point) @ normal <= 0)
+        direction = open_to(normal)
+    panels = MAKERS[name](samples, samples.spacing) if len(samples) else []
+    if not panels:
+        raise SceneError(f"{samples.title}: carries nothing that the view '{name}' could show")
+    ghost = samples.positions if name in SPLIT else None
+    view = CloudView(samples.positions, samples.spacing, panels, direction=direction, ghost=ghost)
+    return draw_clouds([view])[0][0]
+
+
+def disk_figure(
+    radius: float = 20.0, inlet_radius: float = 1.0, heights: ArrayLike | None = None, model: TensorModel | None = None
+) -> Figure:
+    """Draw A and N through the thickness of the centre-gated disk (J Figs 15 and 16).
+
+    Parameters
+    ----------
+    radius, inlet_radius : float
+        In half-thicknesses.
+    heights : array_like, optional
+        In half-thicknesses, inside (−1, 1); 199 of them if left out.
+    model : TensorModel, optional
+        Integrates A1 and A2 with this closure and these options; the exact solution if left out.
+    """
+    from ppmc.analysis.disk import disk_tensor_mode, disk_tensors
+    from ppmc.analysis.plots import plot_profile
+
+    z = np.linspace(-0.99, 0.99, 199) if heights is None else np.asarray(heights, dtype=float)
+    if model is None:
+        A, N = disk_tensors(radius, z, inlet_radius)
+    else:
+        A, N = disk_tensor_mode(radius, z, inlet_radius, model)
+    return plot_profile(z, A, N, "height z / half-thickness [–]")
 
 
 def region_frame(samples: Samples, regions: list[Region] | tuple[Region, ...]) -> pd.DataFrame:

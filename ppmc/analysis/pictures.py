@@ -98,16 +98,23 @@ def _source_views(entry: Analysed, section: AnalysisSection, last: bool) -> list
         behind = samples.select((samples.positions - np.array(cut.point)) @ np.array(cut.normal) <= 0)
         shown = panels.squares(behind, "fibre_direction") if len(behind) else []
         if shown:
-            # A little aslant, so that the rim behind the cut gives depth; x1 runs to the right when seen from above.
-            aslant = [0.0, -0.25, 0.0] if abs(cut.normal[2]) > 0.9 else [0.07, -0.07, 0.15]
-            x, y, z = (float(v) for v in np.array(cut.normal) + np.array(aslant))
             caption = (
                 f"Cut '{title}' through {cut.point} mm, opened towards {tuple(round(v, 3) for v in cut.normal)}: "
                 f"{CAPTIONS['fibre_direction']}; {counted}"
             )
-            view = CloudView(behind.positions, spacing, shown, direction=(x, y, z))
+            view = CloudView(behind.positions, spacing, shown, direction=open_to(np.array(cut.normal)))
             jobs.append((f"cut_{title}_{suffix}", "Views", caption, view))
     return jobs
+
+
+def open_to(normal: np.ndarray) -> tuple[float, float, float]:
+    """Return where to look from at a cut: a little aslant, so that the rim behind it gives depth.
+
+    Seen from above x1 runs to the right.
+    """
+    aslant = [0.0, -0.25, 0.0] if abs(normal[2]) > 0.9 else [0.07, -0.07, 0.15]
+    x, y, z = (float(v) for v in normal + np.array(aslant))
+    return x, y, z
 
 
 def _flow_views(results: Results, section: AnalysisSection) -> list[tuple[str, str, str, CloudView]]:

@@ -234,3 +234,19 @@ def plot_front(view: FrontView, first: str, second: str) -> Figure:
         patches = [Patch(facecolor=colour, label=label.replace("$", r"\$")) for label, colour, _ in kinds]
         drawing.legend(handles=patches, loc="outside upper center", ncols=3, frameon=False)
         return drawing
+
+
+def plot_profile(place: np.ndarray, fibre: np.ndarray, normal: np.ndarray, label: str) -> Figure:
+    """Draw the diagonal and the 13 component of A and N, shape (m, 3, 3) each, against a place (J Figs 15 and 16)."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):
+        drawing = figure(10.5, 3.8)
+        for ax, tensor, symbol in zip(drawing.subplots(1, 2, sharey=True), (fibre, normal), "AN", strict=True):
+            for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 2))):
+                name = f"{symbol}$_{{{i + 1}{j + 1}}}$"
+                ax.plot(place, tensor[:, i, j], color=COLOURS[k], linestyle=DASHES[k], label=name)
+            ax.set_xlabel(label)
+            ax.set_ylabel(f"{'fibre' if symbol == 'A' else 'normal'} tensor {symbol} [–]")
+            ax.legend(frameon=False, fontsize=8)
+        return drawing
