@@ -27,6 +27,7 @@ from ppmc.errors import SceneError
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # read by numba when it is loaded
 
 import numba
+from numba.extending import intrinsic
 
 KEPT_FOLDERS = 3
 FRESH_SECONDS = 24 * 3600.0
@@ -57,6 +58,21 @@ def _compiled(function: Callable[..., Any], options: dict[str, Any], *signatures
         return numba.njit(*signatures, **options)(function)
     finally:
         numba.config.CACHE_DIR = given  # type: ignore[attr-defined]
+
+
+@intrinsic
+def fma(context: Any, a: Any, b: Any, c: Any) -> Any:
+    """Return ``a * b + c`` of float32 numbers, rounded once: for kernels whose bits must not depend on the compiler.
+
+    Where ``fastmath`` allows contraction, the compiler decides which product it joins to which sum, and may decide
+    differently in a loop's body and in its remainder.
+    """
+    number = numba.types.float32
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.fma(*arguments)
+
+    return number(number, number, number), generate
 
 
 def use_threads(count: int) -> None:

@@ -25,11 +25,11 @@ import numpy as np
 from ppmc.ct.orientations import Job, grey_reference, orientations
 from ppmc.ct.settings import settings
 from ppmc.ct.source import Volume
-from ppmc.ct.tiles import Tiling
+from ppmc.ct.tiles import tiling
 from ppmc.scene.ct import CtSection
 
 
-def ppmc_run(grey: np.ndarray, stride: int, threads: int, *, two_scales: bool, rows: int) -> Callable[[], None]:
+def ppmc_run(grey: np.ndarray, stride: int, threads: int, *, two_scales: bool) -> Callable[[], None]:
     volume = Volume(Path("memory"), grey.shape, grey.dtype, lambda box: grey[box])
     spacing = (1.0, 1.0, 1.0)
     if two_scales:
@@ -38,7 +38,7 @@ def ppmc_run(grey: np.ndarray, stride: int, threads: int, *, two_scales: bool, r
         section = CtSection(sigma=1.0, fibre_window=2.0, side_steps=0)
         chosen = dataclasses.replace(settings(section, spacing, grey.shape, None), normal_window=None)
     job = Job(volume, spacing, chosen, grey_reference(volume), stride=stride)
-    tiles = Tiling(job.shape, (job.shape[0], min(rows, job.shape[1]), job.shape[2]))
+    tiles = tiling(job.shape, chosen, stride=stride, budget=1024.0, threads=threads, itemsize=1, masked=False)
 
     def work() -> None:
         for _ in orientations(job, threads, tiles):
@@ -64,11 +64,11 @@ def main() -> None:
     n = arguments.voxels
     grey = np.random.default_rng(0).integers(0, 255, (n, n, n)).astype(np.uint8)
     cases = {
-        "ppmc": ppmc_run(grey, 1, 1, two_scales=False, rows=64),
-        "ppmc, stride 2": ppmc_run(grey, 2, 1, two_scales=False, rows=n),
-        "ppmc, stride 4": ppmc_run(grey, 4, 1, two_scales=False, rows=n),
-        "ppmc, two scales and side windows": ppmc_run(grey, 1, 1, two_scales=True, rows=64),
-        "ppmc, two threads": ppmc_run(grey, 1, 2, two_scales=False, rows=48),
+        "ppmc": ppmc_run(grey, 1, 1, two_scales=False),
+        "ppmc, stride 2": ppmc_run(grey, 2, 1, two_scales=False),
+        "ppmc, stride 4": ppmc_run(grey, 4, 1, two_scales=False),
+        "ppmc, two scales and side windows": ppmc_run(grey, 1, 1, two_scales=True),
+        "ppmc, two threads": ppmc_run(grey, 1, 2, two_scales=False),
     }
     try:
         cases = {"structure-tensor": peer_run(grey), **cases}

@@ -5,26 +5,24 @@ All axes triples here are (z, y, x), as arrays are.
 
 from __future__ import annotations
 
-import threading
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmc.ct.layout import laid_out, mirrored
+from ppmc.ct.layout import laid_out, mirrored, reused, row_pitch
 from ppmc.ct.settings import Settings
 from ppmc.ct.source import Volume
-from ppmc.ct.tensor import tensor_block
+from ppmc.ct.tensor import pull_planes, push_planes, slot_size, work_sizes
 
 Floats = NDArray[np.float32]
+Ints = NDArray[np.int64]
 Box = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
 Slices = tuple[slice, slice, slice]
 
 EDGE_VOTE = 1e-3
 """Weight of gradients so near the volume's edge that they were made with mirrored grey values."""
 EMPTY = np.empty(0, np.float32)
-_OWN = threading.local()
-NO_COARSE = np.empty((0, 0, 6, 0), np.float32)
 
 
 @dataclass(frozen=True)
@@ -50,6 +48,40 @@ class Coarse:
     start: tuple[int, int, int]
     step: tuple[int, int, int]
 
+    def at(self, box: Box, stride: int) -> tuple[tuple[Ints, Ints], tuple[Floats, Floats], Floats]:
+        """Return what output voxels of a box (indices z, y, x; every ``stride``-th voxel) interpolate between.
+
+        Returns
+        -------
+        lower, share : arrays (z, y)
+            The coarse plane and row below each output voxel, and the share of the one above.
+        tensors : ndarray, shape (planes, cy, 6, ox)
+            Those coarse planes, interpolated along x.
+        """
+        places = [
+            _between(np.arange(a, b) * stride, start, cell, count)
+            for (a, b), start, cell, count in zip(
+                box, self.start, self.step, (self.tensors.shape[i] for i in (0, 1, 3)), strict=True
+            )
+        ]
+        (z, share_z), (y, share_y), (x, share_x) = places
+        planes = self.tensors[z[0] : z[-1] + 2]
+        low = planes[..., x]
+        high = planes[..., np.minimum(x + 1, planes.shape[3] - 1)]
+        return (z - z[0], y), (share_z, share_y), (1 - share_x) * low + share_x * high
+
+
+def _between(voxels: Ints, start: int, cell: int, cells: int) -> tuple[Ints, Floats]:
+    """Return the cell below each voxel, and the share of the one above.
+
+    All from integers, so that a position does not depend on where a block begins.
+    """
+    beyond = np.maximum(voxels - start, 0)
+    inside = beyond // cell < cells - 1
+    lower = np.where(inside, beyond // cell, max(cells - 2, 0))
+    share = np.where(inside, (beyond % cell).astype(np.float32) / np.float32(cell), np.float32(cells > 1))
+    return lower.astype(np.int64), share.astype(np.float32)
+
 
 def edge_votes(n: int, margin: int, first: int, last: int) -> Floats:
     """Return the votes of voxels first..last-1 along an axis of n voxels: 0 outside, little near the edge, else 1."""
@@ -73,96 +105,128 @@ def _mirrored_box(volume: Volume, box: Box) -> tuple[Slices, tuple[NDArray[np.ui
     return (z, y, x), tuple(m - np.uint64(f) for f, m in zip(first, maps, strict=True))
 
 
-def window_tensors(
-    volume: Volume,
-    chosen: Settings,
-    reference: Reference,
-    ranges: Box,
-    window: tuple[Floats, Floats, Floats],
-    *,
-    stride: tuple[int, int, int] = (1, 1, 1),
-    averaged: bool = True,
-    noise: Floats | None = None,
-) -> Floats:
-    """Return windowed tensors at voxels first, first + stride, ... below last along each axis.
+class TensorStream:
+    """Windowed tensors of a box of voxels, asked for plane by plane.
 
-    Parameters
+    Attributes
     ----------
-    volume : Volume
-        Grey values, and the mask if there is one.
-    chosen : Settings
-        Derivative filters.
-    reference : Reference
-        Unit of the grey values.
-    ranges : three pairs of int (z, y, x)
-        First voxel and end; may lie outside the volume.
-    window : three arrays (x, y, z)
-        Taps.
-    stride : tuple of int (z, y, x)
-        Distance of the voxels.
-    averaged : bool
-        Divide by the window's votes; else return the sums, and the votes as a seventh channel.
-    noise : ndarray, shape (6,), optional
-        Tensor to subtract from averages.
-
-    Returns
-    -------
-    ndarray, shape (oz, oy, 6 or 7, ox)
-        A seventh channel holds the windowed votes where there is a mask. The memory is used again by the next call
-        in the same thread: fresh memory for each tile would cost as much time as a tenth of the arithmetic.
+    counts : tuple of int (z, y, x)
+        Number of tensors.
+    channels : int
+        6; a seventh holds the windowed votes where there is a mask or sums are wanted.
+    pitch : int
+        Floats of a row: rows are padded.
     """
-    counts = tuple((b - a + s - 1) // s for (a, b), s in zip(ranges, stride, strict=True))
-    reach = [len(t) // 2 for t in window[::-1]]
-    spans = tuple(
-        (a - r, a + (n - 1) * s + 1 + r) for (a, _), n, s, r in zip(ranges, counts, stride, reach, strict=True)
-    )
-    gradient = chosen.gradient_radius[::-1]
-    box = tuple((a - g, b + g) for (a, b), g in zip(spans, gradient, strict=True))
-    margins = tuple(-(-g // 2) for g in gradient)
-    masked = volume.read_mask is not None or not averaged
-    rest = (box[1][1] - box[1][0], box[2][1] - box[2][0])
-    plane = np.ones([b - a for a, b in spans[1:]], np.float32)
-    vote_z = np.ones(spans[0][1] - spans[0][0], np.float32)
-    inverse = tuple(np.ones(n if averaged else 0, np.float32) for n in counts)[::-1]
-    if volume.read_mask is not None:
-        grey = read_padded(volume, box, reference)  # type: ignore[arg-type]
-        votes = _in_phases(_mask_votes(volume, grey, box, gradient, margins), stride[2], rest)  # type: ignore[arg-type]
-        flat = _in_phases(grey, stride[2], rest)
-    else:
-        flat = _read_laid_out(volume, box, reference, stride[2])  # type: ignore[arg-type]
-        vote = [edge_votes(n, m, *s) for n, m, s in zip(volume.shape, margins, spans, strict=True)]
-        vote_z, plane = vote[0], vote[1][:, None] * vote[2][None, :]
-        votes = EMPTY
-        if masked:
-            votes = _in_phases(np.ones((len(vote_z), 1, 1), np.float32) * plane, stride[2], rest)
+
+    def __init__(
+        self,
+        volume: Volume,
+        chosen: Settings,
+        reference: Reference,
+        ranges: Box,
+        window: tuple[Floats, Floats, Floats],
+        *,
+        stride: tuple[int, int, int] = (1, 1, 1),
+        averaged: bool = True,
+        noise: Floats | None = None,
+        batch: int = 1,
+    ) -> None:
+        """Read the grey values of a box and prepare its filters.
+
+        Parameters
+        ----------
+        volume : Volume
+            Grey values, and the mask if there is one.
+        chosen : Settings
+            Derivative filters.
+        reference : Reference
+            Unit of the grey values.
+        ranges : three pairs of int (z, y, x)
+            First voxel and end; may lie outside the volume. Tensors are at first, first + stride, ... below the end.
+        window : three arrays (x, y, z)
+            Taps.
+        stride : tuple of int (z, y, x)
+            Distance of the voxels.
+        averaged : bool
+            Divide by the window's votes; else return the sums, and the votes as a seventh channel.
+        noise : ndarray, shape (6,), optional
+            Tensor to subtract from averages.
+        batch : int
+            Most planes that will be asked for at once.
+        """
+        counts = tuple((b - a + s - 1) // s for (a, b), s in zip(ranges, stride, strict=True))
+        self.counts = (counts[0], counts[1], counts[2])
+        reach = [len(t) // 2 for t in window[::-1]]
+        spans = tuple(
+            (a - r, a + (n - 1) * s + 1 + r) for (a, _), n, s, r in zip(ranges, counts, stride, reach, strict=True)
+        )
+        gradient = chosen.gradient_radius[::-1]
+        box = tuple((a - g, b + g) for (a, b), g in zip(spans, gradient, strict=True))
+        margins = tuple(-(-g // 2) for g in gradient)
+        masked = volume.read_mask is not None or not averaged
+        rest = (box[1][1] - box[1][0], box[2][1] - box[2][0])
+        plane = np.ones([b - a for a, b in spans[1:]], np.float32)
+        self._vote_z = np.ones(spans[0][1] - spans[0][0], np.float32)
+        self._votes = EMPTY
+        self.pitch = row_pitch(rest[1], stride[2])
+        inverse = [np.ones(n, np.float32) for n in counts]
+        if volume.read_mask is not None:
+            grey = read_padded(volume, box, reference)  # type: ignore[arg-type]
+            votes = _mask_votes(volume, grey, box, gradient, margins)  # type: ignore[arg-type]
+            self._votes = _in_phases(votes, stride[2], rest)
+            self._grey = _in_phases(grey, stride[2], rest)
         else:
-            inverse = tuple(
-                _inverse(t, v, n, s) for t, v, n, s in zip(window, vote[::-1], counts[::-1], stride[::-1], strict=True)
-            )
-    shape = (counts[0], counts[1], 7 if masked else 6, counts[2])
-    out = _reused(int(np.prod(shape)))
-    tensor_block(
-        flat, rest[0], chosen.smooth, chosen.slope, window, _in_phases(plane[None], stride[2], rest), vote_z, votes,
-        inverse, np.zeros(6, np.float32) if noise is None else noise, stride[::-1], shape, out,
-    )  # fmt: skip
-    return out.reshape(shape)
+            self._grey = _read_laid_out(volume, box, reference, stride[2])  # type: ignore[arg-type]
+            vote = [edge_votes(n, m, *s) for n, m, s in zip(volume.shape, margins, spans, strict=True)]
+            self._vote_z, plane = vote[0], vote[1][:, None] * vote[2][None, :]
+            if masked:
+                self._votes = _in_phases(np.ones((len(vote[0]), 1, 1), np.float32) * plane, stride[2], rest)
+            else:
+                inverse = [_inverse(t, v, n, s) for t, v, n, s in zip(window[::-1], vote, counts, stride, strict=True)]
+        self._vote = _in_phases(plane[None], stride[2], rest)
+        self._inverse_z = inverse[0]
+        self.channels = 7 if masked else 6
+        self._chosen, self._window, self._stride, self._averaged = chosen, window, stride, averaged
+        self._noise = np.zeros(6, np.float32) if noise is None else noise
+        self._inverse = np.zeros((self.channels, counts[1], self.pitch), np.float32)
+        self._inverse[:, :, : counts[2]] = inverse[1][:, None] * inverse[2]
+        self._shape = (rest[0], self.pitch, counts[1], self.channels, stride[2], stride[1])
+        self._slots = len(window[2]) + (batch - 1) * stride[0]
+        self._ring = reused("ring", self._slots * slot_size(self.size))
+        work, band = work_sizes(self._shape, window[0])
+        self._work = reused("work", work)
+        self._band = reused("band", band)
+        self._pushed = 0
 
+    @property
+    def size(self) -> int:
+        """Floats of a plane: channels, rows, voxels of a row."""
+        return self.counts[1] * self.channels * self.pitch
 
-def _reused(size: int) -> Floats:
-    """Return an array of this thread's own whose memory the next call gets again."""
-    kept: Floats | None = getattr(_OWN, "floats", None)
-    if kept is None or kept.size < size:
-        kept = np.empty(size, np.float32)
-        _OWN.floats = kept
-    return kept[:size]
+    def planes(self, first: int, last: int, out: Floats, at: int = 0) -> None:
+        """Write planes first .. last - 1 into ``out`` (planes, channels, rows, pitch), from its plane ``at`` on.
+
+        ``first`` must not be before the ``last`` of the call before.
+        """
+        chosen = self._chosen
+        stride_z = self._stride[0]
+        begin = max(self._pushed, first * stride_z)
+        end = (last - 1) * stride_z + len(self._window[2])
+        push_planes(
+            begin, end, self._grey, self._shape, chosen.smooth, chosen.slope, self._window, self._vote, self._vote_z,
+            self._votes, self._ring, self._slots, self._work, self._band,
+        )  # fmt: skip
+        self._pushed = end
+        pull_planes(
+            first, last, self._ring, self._slots, (self.counts[1], self.channels, self.pitch), stride_z,
+            self._window[2], self._inverse.reshape(-1), self._inverse_z, self._averaged, self._noise, out, at,
+        )  # fmt: skip
 
 
 def _in_phases(planes: Floats, phases: int, shape: tuple[int, int]) -> Floats:
     """Return planes (n, ny, nx) padded to ``shape`` and stored flat as (n, phase of x, y, x) (see the kernel)."""
     n, ny, nx = planes.shape
-    length = -(-shape[1] // phases)
-    if phases == 1 and (ny, nx) == shape:
-        return planes.ravel()
+    length = row_pitch(shape[1], phases)
     padded = np.zeros((n, shape[0], length * phases), np.float32)
     padded[:, :ny, :nx] = planes
     parts = padded.reshape(n, shape[0], length, phases)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmc.ct.block import Box, Coarse, Floats, Reference, window_tensors
+from ppmc.ct.block import Box, Coarse, Floats, Reference, TensorStream
 from ppmc.ct.filters import cell_box, gaussian
 from ppmc.ct.settings import Settings, coarse_sigma
 from ppmc.ct.source import Volume
@@ -101,9 +101,14 @@ class Cells:
         """Return the sums of a box of cells."""
         z, y, x = ((s + a * c, s + (b - 1) * c + 1) for (a, b), s, c in zip(box, self.start, self.step, strict=True))
         windows = (cell_box(self.step[2]), cell_box(self.step[1]), cell_box(self.step[0]))
-        return window_tensors(
+        stream = TensorStream(
             self.volume, self.chosen, self.reference, (z, y, x), windows, stride=self.step, averaged=False
         )
+        planes, rows, cells = stream.counts
+        out = np.empty((planes, CHANNELS, rows, stream.pitch), np.float32)
+        for plane in range(planes):
+            stream.planes(plane, plane + 1, out.reshape(-1), plane)
+        return out[..., :cells].transpose(0, 2, 1, 3)
 
     def around(self, voxels: Box) -> Coarse:
         """Return smoothed tensors on the cells around a box of voxels, enough to interpolate in it."""

@@ -17,13 +17,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmc.ct.block import NO_COARSE, Box, Coarse, Floats, Reference, window_tensors
-from ppmc.ct.combine import orient_block
+from ppmc.ct.block import EMPTY, Box, Coarse, Floats, Reference, TensorStream
+from ppmc.ct.combine import orient_planes
+from ppmc.ct.layout import reused
 from ppmc.ct.noise import independent_samples, tilting_part
 from ppmc.ct.normals import Cells
 from ppmc.ct.settings import Settings
+from ppmc.ct.sides import score_planes
 from ppmc.ct.source import Volume
-from ppmc.ct.tiles import Tiling
+from ppmc.ct.tiles import BATCH, Tiling
 
 REFERENCE_PLANES = 64
 VECTORS = ("fibre_direction", "platelet_normal", "eigenvalues")
@@ -31,6 +33,9 @@ SCALARS = ("confidence", "planarity", "predicted_error")
 FIELD_NAMES = (*VECTORS, *SCALARS, "valid")
 ENERGY_OVER_NOISE = 1.5
 """Mean squared gradient, in units of what noise alone would give, below which there is no texture."""
+EMPTY_AXES = (np.empty(0, np.int64), np.empty(0, np.int64))
+EMPTY_SHARES = (EMPTY, EMPTY)
+EMPTY_COARSE = np.empty((0, 0, 6, 0), np.float32)
 LEAST_ENERGY = 1e-6
 """Mean squared gradient per squared voxel, in units of the grey values' variance, below which there is no texture."""
 
@@ -130,7 +135,9 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
         for (a, b), n in zip(box, job.volume.shape, strict=True)
     )
     corner = np.array([a * k - first for (a, _), (first, _) in zip(box, inside, strict=True)])
-    tensors = window_tensors(
+    apart = k // step
+    batch = max(1, BATCH // apart)
+    stream = TensorStream(
         job.volume,
         job.chosen,
         job.reference,
@@ -138,25 +145,52 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
         job.chosen.window,
         stride=(step,) * 3,
         noise=None if job.noise is None else tilting_part(job.noise),
+        batch=batch * apart + 2 * steps,
     )
     if job.volume.read_mask is not None:
         here: Any = tuple(slice(a * k, (b - 1) * k + 1) for a, b in box)
         fields["valid"] &= (job.volume.read_mask(here)[::k, ::k, ::k] != 0).astype(np.uint8)
-    start, cell = np.zeros(3, np.int64), np.ones(3, np.int64)
-    if coarse is not None:
-        start, cell = np.array(coarse.start[::-1]), np.array(coarse.step[::-1])
     scale = job.reference.unit**2
     least_energy = LEAST_ENERGY / min(job.spacing) ** 2
     if job.noise is not None:
         least_energy = max(least_energy, ENERGY_OVER_NOISE * float(job.noise[:3].sum()))
     inverse_h = (1.0 / np.array(job.spacing)).astype(np.float32)
-    orient_block(
-        tensors, tensors.reshape(-1), corner[::-1].copy(), k // step, inverse_h, steps,
-        NO_COARSE if coarse is None else coarse.tensors, np.array([a * k for a, _ in box[::-1]]), k, start, cell,
-        np.float32(scale), np.float32(scale * least_energy), np.float32(job.least_confidence),
-        independent_samples(job.chosen),
-        *(fields[name] for name in FIELD_NAMES),
-    )  # fmt: skip
+    samples = independent_samples(job.chosen)
+    flat = tuple(fields[name].reshape(-1) for name in FIELD_NAMES)
+    nz, ny, nx = stream.counts
+    oz, oy, ox = (b - a for a, b in box)
+    plane = stream.size
+    size = plane // stream.channels
+    most = (batch - 1) * apart + 1 + 2 * steps
+    slab = reused("slab", most * plane)
+    scored = steps > 0 and k == 1
+    scores = reused("scores", most * size) if scored else EMPTY
+    have = (0, 0)
+    for first in range(0, oz, batch):
+        last = min(first + batch, oz)
+        want = (
+            max(corner[0] + first * apart - steps, 0),
+            min(corner[0] + (last - 1) * apart + 1 + steps, nz),
+        )
+        kept = max(have[1] - want[0], 0)
+        if kept:
+            slab[: kept * plane] = slab[(have[1] - have[0] - kept) * plane : (have[1] - have[0]) * plane].copy()
+        stream.planes(want[0] + kept, want[1], slab, kept)
+        if scored:
+            scores[: kept * size] = scores[(have[1] - have[0] - kept) * size : (have[1] - have[0]) * size].copy()
+            score_planes(slab, kept, want[1] - want[0], stream.channels, size, scores)
+        have = want
+        lower, share, near = EMPTY_AXES, EMPTY_SHARES, EMPTY_COARSE
+        if coarse is not None:
+            voxels = ((box[0][0] + first, box[0][0] + last), box[1], box[2])
+            lower, share, near = coarse.at(voxels, k)
+        orient_planes(
+            slab, scores, (want[1] - want[0], ny, nx, stream.pitch, stream.channels),
+            np.array([corner[2], corner[1], corner[0] + first * apart - want[0]]), apart, inverse_h, steps,
+            near.reshape(-1), (near.shape[0], near.shape[1], near.shape[3]), lower, share, np.float32(scale),
+            np.float32(scale * least_energy), np.float32(job.least_confidence), samples, (last - first, oy, ox),
+            first * oy * ox, *flat,
+        )  # fmt: skip
 
 
 def orientations(job: Job, threads: int, tiles: Tiling, scratch: Path | None = None) -> Iterator[Block]:

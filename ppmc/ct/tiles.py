@@ -6,6 +6,8 @@ import itertools
 from dataclasses import dataclass
 
 from ppmc.ct.block import Box
+from ppmc.ct.eigen import CHUNK
+from ppmc.ct.layout import row_pitch
 from ppmc.ct.settings import Settings
 from ppmc.errors import SceneError
 
@@ -13,9 +15,12 @@ MIB = 2**20
 BASE_BYTES = 280 * MIB
 """What the interpreter, the compiled kernels and the file libraries take before any voxel is read."""
 FIELD_BYTES = 49
-TENSOR_BYTES = 28
-LINES = 26
-"""Planes of floats that the kernels keep, the ring not counted."""
+BATCH = 16
+"""Planes of tensors at a time: fewer stay in a nearer cache, more share what their windows have in common."""
+PLANES = 12
+"""Planes of floats that the kernels keep besides."""
+FIXED, GRADIENT, FRESH = 1.0, 1.5, 3.0
+"""Time that an output voxel, a voxel read, and a voxel of a buffer that the system must first clear take."""
 SIDES = (1024, 512, 256, 128, 96, 64, 48, 32, 16)
 
 
@@ -56,10 +61,14 @@ def tile_bytes(tile: tuple[int, int, int], chosen: Settings, stride: int, itemsi
     voxels = grown[0] * grown[1] * grown[2]
     plane = grown[1] * grown[2] * 4
     outputs = tile[0] * tile[1] * tile[2]
+    # displaced windows need tensors between the output voxels
     dense = 1 if chosen.side_steps else stride
-    tensors = TENSOR_BYTES * voxels // dense**3
-    ring = (len(chosen.window[2]) + 16) * 7 * plane // dense**2
-    return voxels * (4 + itemsize + (16 if masked else 0)) + tensors + ring + LINES * plane + FIELD_BYTES * outputs
+    channels = 7 if masked else 6
+    pulled = min(max(BATCH, stride // dense), tile[0] * stride // dense + 1) + 2 * chosen.side_steps
+    ring = (2 * chosen.window_radius[2] + 1 + (pulled - 1) * dense) * channels
+    slab = pulled * (channels + 1)
+    tensors = (ring + slab) * plane // dense**2
+    return voxels * (4 + itemsize + (16 if masked else 0)) + tensors + PLANES * plane + FIELD_BYTES * outputs
 
 
 def tiling(
@@ -72,7 +81,7 @@ def tiling(
     itemsize: int,
     masked: bool,
 ) -> Tiling:
-    """Return the tiling with the least repeated work whose tiles, one for each thread and one being written, fit.
+    """Return the quickest tiling whose tiles, one for each thread and one being written, fit.
 
     Parameters
     ----------
@@ -98,24 +107,25 @@ def tiling(
     """
     room = budget * MIB - BASE_BYTES
     halo = halo_of(chosen)
+    whole = shape[0] * shape[1] * shape[2]
     best: tuple[float, tuple[int, int, int]] | None = None
     least = 0
     sides = [sorted({min(n, s) for s in SIDES}, reverse=True) for n in shape]
     for tile in itertools.product(sides[0], sides[1], sides[2]):
-        need = tile_bytes(tile, chosen, stride, itemsize, masked) * threads + FIELD_BYTES * tile[0] * tile[1] * tile[2]
+        outputs = tile[0] * tile[1] * tile[2]
+        need = tile_bytes(tile, chosen, stride, itemsize, masked) * threads + FIELD_BYTES * outputs
         least = need if least == 0 else min(least, need)
-        count = 1
-        for n, t in zip(shape, tile, strict=True):
-            count *= -(-n // t)
+        counts = [-(-n // t) for n, t in zip(shape, tile, strict=True)]
+        count = counts[0] * counts[1] * counts[2]
         if need > room:
             continue
-        work = 1.0
-        for t, h in zip(tile, halo, strict=True):
-            work *= 1.0 + 2.0 * h / (t * stride)
-        # Tiles of moderate size are kinder to the caches; beyond that only repeated work counts.
-        work *= 1.0 + need / (64.0 * room)
-        # The last tiles should not leave threads idle for long.
-        work *= max(1.0, 2.0 * threads / count) if max(shape) > 64 else 1.0
+        read = counts[2] * row_pitch(tile[2] * stride + 2 * halo[2], stride) * stride / shape[2]
+        for n, c, h in zip(shape[:2], counts, halo, strict=False):
+            read *= stride + 2.0 * h * c / n
+        lanes = counts[2] * -(-tile[2] // CHUNK) * CHUNK / shape[2]
+        buffers = min(threads + 1, count) * outputs / whole
+        # the last round may leave threads idle
+        work = (FIXED * lanes + GRADIENT * read + FRESH * buffers) * (-(-count // threads) * threads / count)
         if best is None or work < best[0]:
             best = (work, tile)
     if best is None:
