@@ -15,11 +15,14 @@ the step ends: its gradient brings deformation and directions up to date, exactl
 particles near them only.
 """
 
+# mypy: disable-error-code="no-untyped-def"
+
 import math
 from dataclasses import dataclass, fields
 
 import numpy as np
 
+from ppmc.compile_cache import njit, prange
 from ppmc.geometry.packed import NAVIER
 from ppmc.solver import materials, single_direction
 from ppmc.solver.block_jacobi import multiply_blocks
@@ -163,16 +166,17 @@ class ExplicitIntegrator(ImplicitIntegrator):
         state, model, contacts, rows = self.state, self.model, near.contacts, near.rows
         assert self.present is not None
         pressure_stress = model.bulk_modulus * (state.volume_ratio - 1.0)
-        per_mass = (-dt / (model.density * state.volume))[:, None]
-        velocities = state.velocity + per_mass * _opposing_force(self.present, state.velocity, pressure_stress)
-        here = velocities[rows]
+        opposing = _opposing_force(self.present, state.velocity, pressure_stress)
+        velocities = np.empty_like(opposing)
+        _kick(state.velocity, opposing, state.volume, dt / model.density, velocities)
+        here, per_mass = velocities[rows], (-dt / (model.density * state.volume[rows]))[:, None]
         if NAVIER in model.walls.tools.arrays.wall:
-            here += per_mass[rows] * _drag(near, state.velocity[rows], (state.volume * state.volume_ratio)[rows])
+            here += per_mass * _drag(near, state.velocity[rows], (state.volume * state.volume_ratio)[rows])
         contacts.active = np.zeros_like(contacts.active)
         contacts.active = contacts.violations(here, dt) > 0.0
         free, held = contacts.constrain(dt)
         moved = multiply_blocks(free, here) + held
-        _, forces = contacts.reactions((here - moved) / per_mass[rows])
+        _, forces = contacts.reactions((here - moved) / per_mass)
         # Velocities at the wall chatter; the layer moves with the tool, less its own flattening.
         flattening = np.einsum("nab,nkb->nka", state.smooth_gradient[rows], contacts.normal)
         layer = contacts.wall_velocity + contacts.half_width[..., None] * flattening
@@ -217,8 +221,7 @@ class ExplicitIntegrator(ImplicitIntegrator):
         there = moments_and_gradient(pairs, state.position, state.volume, state.velocity)
         increment, gradient = increment_to_here(there, dt)
         state.velocity_gradient = gradient
-        state.smooth_gradient *= 1.0 - RATE_MEMORY
-        state.smooth_gradient += RATE_MEMORY * gradient
+        _blend(state.smooth_gradient, gradient, RATE_MEMORY)
         convect_deformation(increment, state.deformation_gradient, state.volume_ratio)
         turn = increment if settings.shape_factor == 1.0 else jeffery_increment(gradient, dt, settings.shape_factor)
         convect_directions(turn, state.fibre_direction)
@@ -254,7 +257,23 @@ def _drag(near: NearTools, velocities: np.ndarray, volumes: np.ndarray) -> np.nd
     return np.einsum("nk,nkc->nc", np.where(contacts.active, near.friction, 0.0) * area, slip)
 
 
-def _largest_eigenvalue(apply, mass: np.ndarray, original: np.ndarray) -> float:  # type: ignore[no-untyped-def]
+@njit(cache=True, parallel=True)
+def _kick(velocities, opposing, volume, time_per_density, out):
+    for i in prange(velocities.shape[0]):
+        factor = time_per_density / volume[i]
+        for c in range(3):
+            out[i, c] = velocities[i, c] - factor * opposing[i, c]
+
+
+@njit(cache=True, parallel=True)
+def _blend(smooth, gradient, share):
+    for i in prange(smooth.shape[0]):
+        for r in range(3):
+            for c in range(3):
+                smooth[i, r, c] += share * (gradient[i, r, c] - smooth[i, r, c])
+
+
+def _largest_eigenvalue(apply, mass: np.ndarray, original: np.ndarray) -> float:
     """Largest eigenvalue of M^-1 A by power iterations from a start that depends on the particles' numbers alone."""
     start = np.sin(np.arange(1.0, 3.0 * len(original) + 1.0)).reshape(-1, 3)[original]
     vector, value = start, 0.0

@@ -1,10 +1,14 @@
 """The particles' state: everything that a run carries from step to step, and nothing that can be computed from it."""
 
+# mypy: disable-error-code="no-untyped-def"
+
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
 import numpy as np
+
+from ppmc.compile_cache import njit, prange
 
 
 @dataclass
@@ -100,7 +104,10 @@ class ParticleState:
     def reorder(self, order: np.ndarray) -> None:
         """Permute all arrays."""
         for f in fields(self):
-            setattr(self, f.name, np.ascontiguousarray(getattr(self, f.name)[order]))
+            values = np.ascontiguousarray(getattr(self, f.name))
+            sorted_values = np.empty_like(values)
+            _take_rows(values.reshape(len(order), -1), order, sorted_values.reshape(len(order), -1))
+            setattr(self, f.name, sorted_values)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Return all arrays by name, for a checkpoint."""
@@ -111,3 +118,10 @@ class ParticleState:
         out = np.empty_like(values)
         out[self.original] = values
         return out
+
+
+@njit(cache=True, parallel=True)
+def _take_rows(values, order, out):
+    for i in prange(order.shape[0]):
+        for c in range(values.shape[1]):
+            out[i, c] = values[order[i], c]
