@@ -69,19 +69,32 @@ def lay_down(domain: DrapedDomain, u: Array, v: Array, distance: Distance, proje
     )
 
 
-def _laid_along_lines(
-    domain: DrapedDomain, along: Array, across: Array, u: Array, v: Array, distance: Distance, project: Project
-) -> Array:
-    """Return the sheet with its middle line laid straight along the tool, and straight lines across it."""
+def touching(domain: DrapedDomain, distance: Distance, above: float) -> Array:
+    """Return the point, shape (3,), `above` mm over the one on which the sheet's middle comes down.
+
+    Raises
+    ------
+    SceneError
+        If it misses the tool.
+    """
     points, hit = _drop(np.asarray(domain.centre)[None], np.asarray(domain.down), max(domain.size), distance)
     if not hit.all():
         raise SceneError(
             f"charge.domain: the line through `centre` {list(domain.centre)} along `down` {list(domain.down)} misses "
             f"tool '{domain.tool}'"
         )
+    place: Array = points[0] - above * np.asarray(domain.down)
+    return place
+
+
+def _laid_along_lines(
+    domain: DrapedDomain, along: Array, across: Array, u: Array, v: Array, distance: Distance, project: Project
+) -> Array:
+    """Return the sheet with its middle line laid straight along the tool, and straight lines across it."""
+    middle = touching(domain, distance, 0.0)
     x = np.empty((len(u), len(v), 3))
     mu, mv = len(u) // 2, len(v) // 2
-    x[mu, mv] = project(points)[0][0]
+    x[mu, mv] = project(middle[None])[0][0]
     for sign in (1, -1):
         _walk(x[:, mv : mv + 1].transpose(1, 0, 2), mu, sign, np.array([sign * along]), u[1] - u[0], project)
     normals = project(x[:, mv])[1]

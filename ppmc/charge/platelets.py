@@ -34,6 +34,17 @@ def draw_sizes(sizes: Sizes, n: int, generator: np.random.Generator) -> Array:
     return np.full(n, float(sizes))
 
 
+def largest_sizes(section: PlateletsOrientation) -> tuple[float, float]:
+    """Return the largest length and width, mm, that are named; the mean of a distribution."""
+
+    def named(sizes: Sizes) -> float:
+        if isinstance(sizes, NormalSizes):
+            return sizes.mean
+        return max(sizes.values) if isinstance(sizes, ListedSizes) else float(sizes)
+
+    return named(section.length), named(section.width)
+
+
 def tilted(directions: Array, faces: Array, pitch: Array, roll: Array) -> tuple[Array, Array]:
     """Return p and r after a pitch about q and then a roll about p.
 
