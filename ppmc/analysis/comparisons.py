@@ -186,7 +186,9 @@ def _with_voxels(flow: SeriesFile, frame: int, source: Source, file: VoxelFile, 
     samples = next(flow_source(flow, frame).parts())
     corners = np.array([source.lower, source.upper]) if source.count else np.empty((0, 3))
     cells = _cells([samples.positions, corners], max(samples.spacing, source.spacing))
-    both = occupancy([samples], cells), occupancy(source.parts(), cells, file.grid.rotation.T)
+    # A voxel is a box of its own proportions, not a cube.
+    edges = np.diag(np.array(file.grid.spacing) / source.spacing) @ file.grid.rotation.T
+    both = occupancy([samples], cells), occupancy(source.parts(), cells, edges)
     shared, seen, view = _overlaps(*both, cells, axis)
     return Comparison(label, float(flow.times[frame]), len(samples), _unpaired(shared), seen, view)
 

@@ -92,7 +92,10 @@ def gather(scene: Scene, section: AnalysisSection, opened: Opened) -> Results:
         )
     if opened.flow is not None:
         _add_flow(results, opened.flow)
-        axis = AXIS_NAMES.index(section.front.axis)
+        axis, end = AXIS_NAMES.index(section.front.axis), float(opened.flow.times[-1])
+        for label, file in (*opened.compare, *opened.seeds):
+            if not np.isclose(file.times[-1], end, rtol=1e-6):
+                notes.append(f"Run '{label}' ends at t = {file.times[-1]:.4g} s, the input at {end:.4g} s.")
         results.comparisons = [compare_runs(opened.flow, label, file, axis) for label, file in opened.compare]
         if opened.moulded is not None:
             results.comparisons.append(compare_with_part(opened.flow, opened.moulded, MOULDED, axis))

@@ -21,7 +21,8 @@ Array = NDArray[Any]
 
 CELL_IN_SPACINGS = 0.5
 MOST_CELLS = 20_000_000
-MOST_BITS = 10  # along each edge of a piece
+BITS_A_CELL = 3.0
+MOST_BITS = 16  # along each edge of a piece
 HALF_FULL = 0.5
 NEARLY_FULL = 0.7
 
@@ -75,7 +76,7 @@ def cells_around(clouds: Iterable[np.ndarray], margin: float, size: float) -> Ce
     return Cells(low, float(size), tuple(int(v) for v in shape))  # type: ignore[arg-type]
 
 
-def fill_shares(parts: Iterable[Samples], cells: Cells, axes: np.ndarray | None = None) -> NDArray[np.float64]:
+def fill_shares(parts: Iterable[Samples], cells: Cells, edges: np.ndarray | None = None) -> NDArray[np.float64]:
     """Return the share of each cell's volume that is filled, shape of the grid; above 1 where pieces overlap.
 
     Parameters
@@ -83,11 +84,12 @@ def fill_shares(parts: Iterable[Samples], cells: Cells, axes: np.ndarray | None 
     parts : iterable of Samples
         Disjoint parts of one state; with the field ``deformation_gradient`` the pieces are deformed by it.
     cells : Cells
-    axes : ndarray, shape (3, 3), optional
-        Rows are the edges' directions of undeformed pieces, such as the turned grid of a scan; tool axes if left out.
+    edges : ndarray, shape (3, 3), optional
+        Rows are the edges of undeformed pieces, in units of the cube root of their volume, such as those of voxels on
+        a turned grid; cubes along the tool axes if left out.
     """
     total = np.zeros(int(np.prod(cells.shape)))
-    edges = np.eye(3) if axes is None else np.asarray(axes, dtype=float)
+    sides = np.eye(3) if edges is None else np.asarray(edges, dtype=float)
     for part in parts:
         n = len(part)
         if not n:
@@ -96,9 +98,10 @@ def fill_shares(parts: Iterable[Samples], cells: Cells, axes: np.ndarray | None 
         F = part.fields.get("deformation_gradient")
         F = np.broadcast_to(np.eye(3), (n, 3, 3)) if F is None else np.asarray(F, dtype=float).reshape(n, 3, 3)
         stretch = float(np.percentile(np.abs(F).sum(axis=1).max(axis=1), 99.0))
-        bits = int(np.clip(np.ceil(2.0 * stretch * side.max() / cells.size), 2, MOST_BITS))
+        longest = stretch * float(side.max() * np.linalg.norm(sides, axis=1).max())
+        bits = int(np.clip(np.ceil(BITS_A_CELL * longest / cells.size), 2, MOST_BITS))
         marks = (np.arange(bits) + 0.5) / bits - 0.5
-        offsets = np.stack(np.meshgrid(marks, marks, marks, indexing="ij"), -1).reshape(-1, 3) @ edges
+        offsets = np.stack(np.meshgrid(marks, marks, marks, indexing="ij"), -1).reshape(-1, 3) @ sides
         share = part.volume * np.abs(np.linalg.det(F)) / (len(offsets) * cells.size**3)
         pieces = (part.positions.astype(float), np.ascontiguousarray(F * side[:, None, None]), share)
         _scatter(*pieces, offsets, cells.origin, cells.size, np.array(cells.shape), total)
@@ -122,7 +125,7 @@ def _scatter(
             total[cell] += share[i]
 
 
-def occupancy(parts: Iterable[Samples], cells: Cells, axes: np.ndarray | None = None) -> NDArray[np.float64]:
+def occupancy(parts: Iterable[Samples], cells: Cells, edges: np.ndarray | None = None) -> NDArray[np.float64]:
     """Return how full each cell is, 0 to 1, shape of the grid; arguments as `fill_shares`.
 
     Cells whose neighbourhood of 27 is nearly full count as full, and so do enclosed holes: neither cracks between
@@ -131,7 +134,7 @@ def occupancy(parts: Iterable[Samples], cells: Cells, axes: np.ndarray | None = 
     """
     from scipy.ndimage import binary_fill_holes, uniform_filter
 
-    share = np.minimum(fill_shares(parts, cells, axes), 1.0)
+    share = np.minimum(fill_shares(parts, cells, edges), 1.0)
     solid = share >= HALF_FULL
     inner = (uniform_filter(share, 3, mode="constant") >= NEARLY_FULL) | (binary_fill_holes(solid) & ~solid)
     return np.asarray(np.where(inner, 1.0, share))

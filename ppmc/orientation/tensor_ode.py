@@ -22,6 +22,8 @@ from ppmc.orientation.fitted_closures import CLOSURES
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-9
+FIRST_CHANGE = 0.01  # of a component, in the first step tried
+FAR_OUT = 2.0  # components of orientation tensors lie between -1/2 and 1
 MOST_STEPS = 20_000
 
 
@@ -168,7 +170,7 @@ def integrate(
     Raises
     ------
     NumericalError
-        If the step size vanishes.
+        If the step size vanishes, or the closure leads far out of what orientation tensors can be.
 
     Notes
     -----
@@ -176,18 +178,25 @@ def integrate(
     """
     state = np.array(start, dtype=np.float64)
     out = [state.copy()]
-    step = 0.01 * (times[-1] - times[0])
+    fastest = float(np.abs(rate(state, velocity_gradient(float(times[0])))).max())
+    step = FIRST_CHANGE / max(fastest, FIRST_CHANGE / float(times[-1] - times[0]))
     for begin, end in pairwise(times):
         t = float(begin)
         for _ in range(MOST_STEPS):
             if t >= end:
                 break
             h = min(step, end - t)
-            new, error = _step(rate, state, velocity_gradient, t, h)
+            with np.errstate(over="ignore", invalid="ignore"):  # too long a step is taken again
+                new, error = _step(rate, state, velocity_gradient, t, h)
             size = float(np.abs(error).max()) if np.isfinite(new).all() else np.inf
             if size <= tolerance:
                 t = end if h == end - t else t + h
                 state = new
+                if np.abs(state).max() > FAR_OUT:
+                    raise NumericalError(
+                        f"orientation tensor: components of {np.abs(state).max():.3g} at t = {t:.6g} s, which no "
+                        "orientation has: this closure does not serve this flow; the natural one does"
+                    )
             step = h * min(4.0, max(0.2, 0.9 * (tolerance / max(size, 1e-300)) ** 0.2))
             if step < 1e-14 * max(abs(end), 1e-300):
                 raise NumericalError(f"orientation tensor: the step at t = {t:.6g} s shrank to nothing")

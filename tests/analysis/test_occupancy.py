@@ -29,10 +29,13 @@ def test_shares_hold_the_volume_exactly_and_filled_cells_closely(F: np.ndarray) 
 def test_a_turned_scan_fills_the_turned_box() -> None:
     angle = np.radians(30)
     R = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    x = lattice((0, 0, 0), (12, 8, 4), 1.0)
-    s = Samples("scan", x @ R.T, np.ones(len(x)))
+    # Voxels of 1 x 1 x 2 mm.
+    x = lattice((0, 0, 0), (12, 8, 2), 1.0)
+    x = x[x[:, 2] < 1] * [1, 1, 2]
+    x = np.vstack([x, x + np.array([0, 0, 2])])
+    s = Samples("scan", x @ R.T, np.full(len(x), 2.0))
     cells = cells_around([s.positions], 2.0, 0.25)
-    filled = occupancy([s], cells, R.T)
+    filled = occupancy([s], cells, np.diag([1, 1, 2]) / np.cbrt(2) @ R.T)
     assert filled.sum() * cells.size**3 == pytest.approx(384, rel=0.02)
     assert silhouette(filled, 2).sum() * cells.size**2 == pytest.approx(96, rel=0.02)
 

@@ -111,6 +111,20 @@ def test_leading_axes_go_together() -> None:
     assert np.allclose(rate[0], TensorModel().rate(A, L), atol=1e-13)
 
 
+def test_a_closure_that_runs_away_says_so() -> None:
+    """The linear closure is known to fail where fibres align without diffusion."""
+    stretch = np.diag([1.0, -0.5, -0.5])
+    with pytest.raises(NumericalError, match="closure does not serve"):
+        integrate(TensorModel("linear").rate, ISOTROPIC, lambda t: stretch, [0, 40.0], 1e-6)
+
+
+def test_a_fast_start_needs_no_luck() -> None:
+    """A shear rate of 1e4 that dies away within a fraction of the span: γ = 2 in the end, and no overflow before."""
+    F = np.array([[1.0, 2.0, 0], [0, 1, 0], [0, 0, 1]])
+    end = integrate(TensorModel("verweyst").rate, ISOTROPIC, lambda t: SHEAR * 1e4 * np.exp(-t / 2e-4), [0, 1.0], 1e-8)
+    assert np.abs(end[-1] - affine_tensors(F)[0]).max() < 2e-3
+
+
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_blow_up_is_an_error_not_a_hang() -> None:
     with pytest.raises(NumericalError):
