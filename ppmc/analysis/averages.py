@@ -1,8 +1,7 @@
 """Volume averages of p and r over regions: A, N of second and fourth order, with the spread.
 
 Components of fourth order are kept as the 15 independent ones in lexicographic order (`FOURTH`): 1111, 1112, 1113,
-1122, ...,
-3333; the API gives the full 3x3x3x3 array. Sums are additive, so large files are averaged slab by slab.
+1122, ..., 3333; the API gives the full 3x3x3x3 array. Sums are additive, so large files are averaged slab by slab.
 """
 
 from __future__ import annotations
@@ -156,10 +155,8 @@ def region_averages(samples: Samples, regions: list[Region] | tuple[Region, ...]
 
     Notes
     -----
-    A_ij = Σ V p_i p_j / Σ V and so on (J section II, item 10 of the orientation tensors; D6 before rotation). Points
-    are sorted into
-    cells once, each region is then summed by one thread in a fixed order: the result does not depend on the number
-    of threads.
+    A_ij = Σ V p_i p_j / Σ V and so on (J section II.A). Points are sorted into cells once, each region is then summed
+    by one thread in a fixed order: the result does not depend on the number of threads.
     """
     return region_sums(samples, regions).averages()
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ppmc.analysis.comparisons import Comparison
-from ppmc.analysis.figures import Picture, describe_counts, to_png
+from ppmc.analysis.figures import Picture, is_voxels, to_png
 from ppmc.analysis.paths import AXIS_NAMES
 from ppmc.analysis.plots import (
     PathSeries,
@@ -15,7 +17,7 @@ from ppmc.analysis.plots import (
     plot_press_force,
     plot_region_history,
 )
-from ppmc.analysis.results import Results, scalar_series
+from ppmc.analysis.results import Analysed, Results, scalar_series
 
 
 def draw_curves(results: Results) -> list[Picture]:
@@ -27,7 +29,7 @@ def draw_curves(results: Results) -> list[Picture]:
         caption = (
             f"Path '{path.name}': {path.description}. Diagonal of A (fibre directions) and N (platelet normals) [–] "
             f"in components {', '.join(path.components)}; volume averages over each region. {band} "
-            f"Gaps and grey strokes at the foot: no material. {describe_counts(entries)}."
+            f"Gaps and grey strokes at the foot: no material. {_counts(entries, k)}."
         )
         pictures.append(Picture(f"path_{path.name}", "Paths", caption, to_png(plot_path(path, series))))
     frames = results.frames
@@ -37,9 +39,10 @@ def draw_curves(results: Results) -> list[Picture]:
             if not any(e.regions.particle_count[k] for e in frames):
                 continue
             fibre, normal = scalar_series(frames, k, "fibre_tensor"), scalar_series(frames, k, "normal_tensor")
+            counts = [int(e.regions.particle_count[k]) for e in frames]
             caption = (
-                f"A_ii and N_ii [–] in time, region '{region.name}' ({region.describe()}), fixed in space. "
-                f"{describe_counts(frames[:1])}."
+                f"A_ii and N_ii [–] in time, region '{region.name}' ({region.describe()}), fixed in space; "
+                f"{counts[0]:,} particles in it at the start, {counts[-1]:,} at the end. Gaps: no material."
             )
             drawing = plot_region_history(times, fibre, normal)
             pictures.append(Picture(f"history_{region.name}", "Regions", caption, to_png(drawing)))
@@ -61,6 +64,16 @@ def draw_curves(results: Results) -> list[Picture]:
             Picture("press_force", "Press force", caption, to_png(plot_press_force(force.time, force.forces)))
         )
     return pictures + [_front(comparison) for comparison in results.comparisons]
+
+
+def _counts(entries: Sequence[Analysed], k: int) -> str:
+    """Return how many points the regions of a path hold, source by source."""
+    words = []
+    for e in entries:
+        counts = e.paths[k].particle_count
+        kind = "voxels" if is_voxels(e) else "particles"
+        words.append(f"{e.source.title}: {int(counts.min()):,} to {int(counts.max()):,} {kind} a region")
+    return "; ".join(words)
 
 
 def _front(c: Comparison) -> Picture:

@@ -1,9 +1,8 @@
 """Centre-gated disk: the analytic flow of J A7 (Altan and Rao 1995) and its exact A and N (J Figs 15 and 16).
 
 Local axes: 1 radial, 2 hoop, 3 thickness; lengths in half-thicknesses. A particle stays at its height z and moves
-outwards with r² = r0² +
-2 Q (1 − z²) t, from isotropy at the inlet radius r0, which J does not give: away from the midplane A11 and A22
-depend on it.
+outwards with r² = r0² + 2 Q (1 − z²) t, from isotropy at the inlet radius r0, which J does not give: away from the
+midplane A11 and A22 depend on it.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ def disk_velocity_gradient(radius: ArrayLike, height: ArrayLike, flow_rate: floa
 
 
 def disk_deformation_gradient(radius: float, height: ArrayLike, inlet_radius: float = 1.0) -> Array:
-    """Return F, shape (..., 3, 3), from the inlet to a radius, in the local axes (model §2.5).
+    """Return F, shape (..., 3, 3), from the inlet to a radius, in the local axes.
 
     F = [[1/λ, 0, s], [0, λ, 0], [0, 0, 1]] with λ = r/r0 and s = −z r (1 − λ⁻²)/(1 − z²); |z| < 1.
     """

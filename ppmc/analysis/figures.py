@@ -1,9 +1,8 @@
-"""A figure of the report: picture, heading and caption, and the words that captions share."""
+"""A figure of the report: picture, heading and caption."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from matplotlib.figure import Figure
@@ -41,13 +40,6 @@ def to_png(drawing: Figure) -> bytes:
     stream = io.BytesIO()
     drawing.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
     return stream.getvalue()
-
-
-def describe_counts(entries: Sequence[Analysed]) -> str:
-    """Return the number of points of each source, for captions."""
-    return "; ".join(
-        f"{e.source.title}: {e.source.count:,} {'voxels' if is_voxels(e) else 'particles'}" for e in entries
-    )
 
 
 def is_voxels(entry: Analysed) -> bool:

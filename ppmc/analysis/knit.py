@@ -1,12 +1,9 @@
 """Knit lines without an eye: where material from far apart has met, and how much reinforcement crosses there.
 
 The papers see a knit line as low A and high N across it (J section IV). Particles carry more: neighbours at a knit
-line were not neighbours at the
-start. A neighbour j of i is foreign if its place at the start is not where i's deformation gradient would have it,
-|X_j − X_i − F_i⁻¹(x_j −
-x_i)| being more than some spacings. The direction across the line is that in which the foreign neighbours lie; the
-strength is the
-share of fibres along it.
+line were not neighbours at the start. A neighbour j of i is foreign if its place at the start is not where i's
+deformation gradient would have it, |X_j − X_i − F_i⁻¹(x_j − x_i)| being more than some spacings. The direction across
+the line is that in which the foreign neighbours lie; the strength is the share of fibres along it.
 """
 
 from __future__ import annotations

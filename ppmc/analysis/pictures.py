@@ -100,7 +100,8 @@ def _source_views(entry: Analysed, section: AnalysisSection, last: bool) -> list
         if shown:
             caption = (
                 f"Cut '{title}' through {cut.point} mm, opened towards {tuple(round(v, 3) for v in cut.normal)}: "
-                f"{CAPTIONS['fibre_direction']}; {counted}"
+                f"{CAPTIONS['fibre_direction']}; {len(behind):,} of the {len(samples):,} points drawn lie behind it; "
+                f"{counted}"
             )
             view = CloudView(behind.positions, spacing, shown, direction=open_to(np.array(cut.normal)))
             jobs.append((f"cut_{title}_{suffix}", "Views", caption, view))

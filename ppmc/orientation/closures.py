@@ -1,11 +1,10 @@
 """Fourth-order orientation tensors: exact for affine motion from isotropy, and closures that estimate them from A.
 
-Affine motion F takes isotropic directions to the distribution ψ(p) = (p·B⁻¹·p)^(-3/2) / 4π with B = F·Fᵀ /
-det(F)^(2/3). With x_i the
-inverse eigenvalues of B, A has the eigenvalues a_i = ⅓ √(x1 x2 x3) R_D(x_j, x_k, x_i), R_D being Carlson's elliptic
-integral,
-and 𝔸 has A_iijj = (x_i a_i − x_j a_j) / (2 (x_i − x_j)). Inverted for x, this is the natural closure without any fit
-(Verleye and Dupret 1993; VerWeyst 1998 fitted it). The same functions serve N and ℕ, with F⁻ᵀ for F (J appendix).
+Affine motion F takes isotropic directions to the distribution ψ(p) = (p·B⁻¹·p)^(-3/2) / 4π with
+B = F·Fᵀ / det(F)^(2/3). With x_i the inverse eigenvalues of B, A has the eigenvalues
+a_i = ⅓ √(x1 x2 x3) R_D(x_j, x_k, x_i), R_D being Carlson's elliptic integral, and 𝔸 has
+A_iijj = (x_i a_i − x_j a_j) / (2 (x_i − x_j)). Inverted for x, this is the natural closure without any fit (Verleye and
+Dupret 1993; VerWeyst 1998 fitted it). The same functions serve N and ℕ, with F⁻ᵀ for F (J appendix).
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Tensor mode: rates of A and N where second-order tensors are the primary variables (J appendix, A1 and A2).
 
 One function serves both: N moves under L as A does under −Lᵀ (W stays, D changes sign). Options that the papers name
-and leave off: isotropic
-and anisotropic rotary diffusion and the reduced strain closure, for A and N alike.
+and leave off: isotropic and anisotropic rotary diffusion and the reduced strain closure, for A and N alike.
 Shapes: tensors (..., 3, 3), the same leading axes for A and L.
 """
 

@@ -60,7 +60,7 @@ def test_affine_tensors_are_the_averages_of_pushed_directions() -> None:
 
 
 def test_fourth_order_identity() -> None:
-    """A_iijj = (x_i a_i − x_j a_j) / (2 (x_i − x_j)), rows sum to a (model §2.5)."""
+    """A_iijj = (x_i a_i − x_j a_j) / (2 (x_i − x_j)), rows sum to a."""
     x = np.exp(RNG.uniform(-3, 3, (300, 3)))
     a = affine_eigenvalues(x)
     fourth = affine_fourth(x, a)

@@ -35,7 +35,7 @@ def test_frame_is_orthonormal_and_right_handed() -> None:
 
 
 def test_normal_transport_equals_p_cross_q() -> None:
-    """r = p x q after transport of p and q-hat is F^-T r0 normalised (model.md 2.2)."""
+    """r = p x q after transport of p and q-hat is F^-T r0 normalised."""
     F = deformations()
     p0, q0, r0 = orthonormal_frame(*platelets(len(F)))
     p, q_hat = push_affine(p0, F), push_affine(q0, F)
