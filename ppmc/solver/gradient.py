@@ -76,8 +76,9 @@ def velocity_gradient(
     return out
 
 
-# Rows are first copied into short buffers, one a component, so that the sums over them vectorise. The helpers are
-# inlined: passing array views to a function costs as much as a quarter of a row.
+# Rows are first copied into short buffers, one a component, so that the sums over them vectorise. For that the sums
+# must be allowed another order than the one written; nothing else may be. A kernel is optimised once when it is
+# compiled and once more for the cache, and a formula that may be rearranged comes out of the two with other last bits.
 
 
 @njit(cache=True, inline="always")
@@ -101,8 +102,9 @@ def _copy_differences(index, values, i, begin, m, da, db, dc):
         dc[s] = values[j, 2] - v2
 
 
-@njit(cache=True, inline="always")
-def _sum_gradient(a, da, db, dc, wa, wb, wc, m, i, inverse, out):
+@njit(cache=True, fastmath=FAST)
+def sum_products(wa, wb, wc, a, da, db, dc, m):
+    """Nine sums of w (x) a d over the `m` entries of a row's buffers."""
     g00, g01, g02, g10, g11, g12, g20, g21, g22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for s in range(m):
         d0, d1, d2 = a[s] * da[s], a[s] * db[s], a[s] * dc[s]
@@ -115,13 +117,37 @@ def _sum_gradient(a, da, db, dc, wa, wb, wc, m, i, inverse, out):
         g20 += wc[s] * d0
         g21 += wc[s] * d1
         g22 += wc[s] * d2
+    return g00, g01, g02, g10, g11, g12, g20, g21, g22
+
+
+@njit(cache=True, fastmath=FAST)
+def _sum_moments(a, da, db, dc, m):
+    xx, yy, zz, xy, yz, xz, s0, s1, s2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for s in range(m):
+        d0, d1, d2 = a[s] * da[s], a[s] * db[s], a[s] * dc[s]
+        s0 += d0
+        s1 += d1
+        s2 += d2
+        xx += d0 * da[s]
+        yy += d1 * db[s]
+        zz += d2 * dc[s]
+        xy += d0 * db[s]
+        yz += d1 * dc[s]
+        xz += d0 * dc[s]
+    return xx, yy, zz, xy, yz, xz, s0, s1, s2
+
+
+@njit(cache=True, inline="always")
+def _write_gradient(sums, inverse, i, out):
+    g00, g01, g02, g10, g11, g12, g20, g21, g22 = sums
     for c in range(3):
-        out[i, 0, c] = g00 * inverse[i, 0, c] + g01 * inverse[i, 1, c] + g02 * inverse[i, 2, c]
-        out[i, 1, c] = g10 * inverse[i, 0, c] + g11 * inverse[i, 1, c] + g12 * inverse[i, 2, c]
-        out[i, 2, c] = g20 * inverse[i, 0, c] + g21 * inverse[i, 1, c] + g22 * inverse[i, 2, c]
+        i0, i1, i2 = inverse[i, 0, c], inverse[i, 1, c], inverse[i, 2, c]
+        out[i, 0, c] = g00 * i0 + g01 * i1 + g02 * i2
+        out[i, 1, c] = g10 * i0 + g11 * i1 + g12 * i2
+        out[i, 2, c] = g20 * i0 + g21 * i1 + g22 * i2
 
 
-@njit(cache=True, parallel=True, fastmath=FAST)
+@njit(cache=True, parallel=True)
 def _moments(start, count, index, weight, x, volume, v, longest, floor, inverse, trace, first, gradient):
     n = x.shape[0]
     for chunk in prange((n + CHUNK - 1) // CHUNK):
@@ -130,18 +156,7 @@ def _moments(start, count, index, weight, x, volume, v, longest, floor, inverse,
         for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
             begin, m = start[i], count[i]
             _copy_row(index, weight, volume, x, i, begin, m, a, da, db, dc)
-            xx, yy, zz, xy, yz, xz, s0, s1, s2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for s in range(m):
-                d0, d1, d2 = a[s] * da[s], a[s] * db[s], a[s] * dc[s]
-                s0 += d0
-                s1 += d1
-                s2 += d2
-                xx += d0 * da[s]
-                yy += d1 * db[s]
-                zz += d2 * dc[s]
-                xy += d0 * db[s]
-                yz += d1 * dc[s]
-                xz += d0 * dc[s]
+            xx, yy, zz, xy, yz, xz, s0, s1, s2 = _sum_moments(a, da, db, dc, m)
             moment[0, 0], moment[1, 1], moment[2, 2] = xx, yy, zz
             moment[0, 1], moment[1, 2], moment[0, 2] = xy, yz, xz
             moment[1, 0], moment[2, 1], moment[2, 0] = xy, yz, xz
@@ -150,10 +165,10 @@ def _moments(start, count, index, weight, x, volume, v, longest, floor, inverse,
             invert_symmetric(moment, floor, inverse[i])
             if v.shape[0] > 0:
                 _copy_differences(index, v, i, begin, m, wa, wb, wc)
-                _sum_gradient(a, da, db, dc, wa, wb, wc, m, i, inverse, gradient)
+                _write_gradient(sum_products(wa, wb, wc, a, da, db, dc, m), inverse, i, gradient)
 
 
-@njit(cache=True, parallel=True, fastmath=FAST)
+@njit(cache=True, parallel=True)
 def _gradient(start, count, index, weight, x, volume, v, longest, inverse, out):
     n = x.shape[0]
     for chunk in prange((n + CHUNK - 1) // CHUNK):
@@ -163,4 +178,4 @@ def _gradient(start, count, index, weight, x, volume, v, longest, inverse, out):
             begin, m = start[i], count[i]
             _copy_row(index, weight, volume, x, i, begin, m, a, da, db, dc)
             _copy_differences(index, v, i, begin, m, wa, wb, wc)
-            _sum_gradient(a, da, db, dc, wa, wb, wc, m, i, inverse, out)
+            _write_gradient(sum_products(wa, wb, wc, a, da, db, dc, m), inverse, i, out)

@@ -18,11 +18,39 @@ and the windows are added in the order of the blocks.
 import numpy as np
 
 from ppmc.compile_cache import njit, prange
+from ppmc.solver.gradient import FAST, sum_products
 
-FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}  # never nnan or ninf
+# As in ppmc.solver.gradient, only plain sums may be taken in another order than the one written.
 
 
-@njit(cache=True, parallel=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST)
+def _sum_plain_products(ha, hb, hc, da, db, dc, m):
+    """Sums over the row of h (x) d."""
+    q00, q01, q02, q10, q11, q12, q20, q21, q22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for s in range(m):
+        q00 += ha[s] * da[s]
+        q01 += ha[s] * db[s]
+        q02 += ha[s] * dc[s]
+        q10 += hb[s] * da[s]
+        q11 += hb[s] * db[s]
+        q12 += hb[s] * dc[s]
+        q20 += hc[s] * da[s]
+        q21 += hc[s] * db[s]
+        q22 += hc[s] * dc[s]
+    return q00, q01, q02, q10, q11, q12, q20, q21, q22
+
+
+@njit(cache=True, fastmath=FAST)
+def _sum_components(ha, hb, hc, m):
+    f0, f1, f2 = 0.0, 0.0, 0.0
+    for s in range(m):
+        f0 += ha[s]
+        f1 += hb[s]
+        f2 += hc[s]
+    return f0, f1, f2
+
+
+@njit(cache=True, parallel=True)
 def stress_sweep(
     start, count, index, weight, x, volume, inverse, shear, bulk, fibre, p, control, v, longest,
     rows, low, offset, window, out, given=None,
@@ -51,18 +79,7 @@ def stress_sweep(
                 wa[s] = v[j, 0] - v0
                 wb[s] = v[j, 1] - v1
                 wc[s] = v[j, 2] - v2
-            g00, g01, g02, g10, g11, g12, g20, g21, g22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for s in range(m):
-                d0, d1, d2 = aa[s] * da[s], aa[s] * db[s], aa[s] * dc[s]
-                g00 += wa[s] * d0
-                g01 += wa[s] * d1
-                g02 += wa[s] * d2
-                g10 += wb[s] * d0
-                g11 += wb[s] * d1
-                g12 += wb[s] * d2
-                g20 += wc[s] * d0
-                g21 += wc[s] * d1
-                g22 += wc[s] * d2
+            g00, g01, g02, g10, g11, g12, g20, g21, g22 = sum_products(wa, wb, wc, aa, da, db, dc, m)
             i00, i01, i02 = inverse[i, 0, 0], inverse[i, 0, 1], inverse[i, 0, 2]
             i11, i12, i22 = inverse[i, 1, 1], inverse[i, 1, 2], inverse[i, 2, 2]
             l00 = g00 * i00 + g01 * i01 + g02 * i02
@@ -95,7 +112,6 @@ def stress_sweep(
             s01, s12, s02 = eta2 * xy + along * p0 * p1, eta2 * yz + along * p1 * p2, eta2 * xz + along * p0 * p2
 
             # Zero-energy force of the row's own energy: h = a (c_iso e + u d + t p).
-            q00, q01, q02, q10, q11, q12, q20, q21, q22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for s in range(m):
                 d0, d1, d2, a = da[s], db[s], dc[s], aa[s]
                 e0 = wa[s] - (l00 * d0 + l01 * d1 + l02 * d2)
@@ -111,15 +127,7 @@ def stress_sweep(
                 c = a * c_iso
                 h0, h1, h2 = c * e0 + u * d0 + t * p0, c * e1 + u * d1 + t * p1, c * e2 + u * d2 + t * p2
                 ha[s], hb[s], hc[s] = h0, h1, h2
-                q00 += h0 * d0
-                q01 += h0 * d1
-                q02 += h0 * d2
-                q10 += h1 * d0
-                q11 += h1 * d1
-                q12 += h1 * d2
-                q20 += h2 * d0
-                q21 += h2 * d1
-                q22 += h2 * d2
+            q00, q01, q02, q10, q11, q12, q20, q21, q22 = _sum_plain_products(ha, hb, hc, da, db, dc, m)
             vol = volume[i]
             q00, q01, q02 = vol * s00 - q00, vol * s01 - q01, vol * s02 - q02
             q10, q11, q12 = vol * s01 - q10, vol * s11 - q11, vol * s12 - q12
@@ -134,17 +142,13 @@ def stress_sweep(
             t21 = q20 * i01 + q21 * i11 + q22 * i12
             t22 = q20 * i02 + q21 * i12 + q22 * i22
             # Forces on the bonds: out of the row, into the window.
-            f0, f1, f2 = 0.0, 0.0, 0.0
             for s in range(m):
                 d0, d1, d2 = aa[s] * da[s], aa[s] * db[s], aa[s] * dc[s]
-                h0 = ha[s] + t00 * d0 + t01 * d1 + t02 * d2
-                h1 = hb[s] + t10 * d0 + t11 * d1 + t12 * d2
-                h2 = hc[s] + t20 * d0 + t21 * d1 + t22 * d2
-                f0 -= h0
-                f1 -= h1
-                f2 -= h2
-                ha[s], hb[s], hc[s] = h0, h1, h2
-            out[i, 0], out[i, 1], out[i, 2] = f0, f1, f2
+                ha[s] += t00 * d0 + t01 * d1 + t02 * d2
+                hb[s] += t10 * d0 + t11 * d1 + t12 * d2
+                hc[s] += t20 * d0 + t21 * d1 + t22 * d2
+            f0, f1, f2 = _sum_components(ha, hb, hc, m)
+            out[i, 0], out[i, 1], out[i, 2] = -f0, -f1, -f2
             for s in range(m):
                 j = np.uint32(index[begin + s] + shift)
                 window[j, 0] += ha[s]
