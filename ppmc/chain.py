@@ -91,10 +91,12 @@ def links(scene: Scene, paths: RunPaths) -> Iterator[Link]:
         volume_truth = paths.volume if scene.phantom is not None else None
         voxels = paths.orientations if scene.ct is not None else None
         main = last or paths.orientations
+        named = (scene.analysis.mesh, scene.analysis.front.mask)
+        given_files = (scene.locate(section.path) for section in named if section is not None)
         yield Link(
             "analyze",
             ("analysis",),
-            tuple(p for p in (main, volume_truth, voxels) if p is not None),
+            tuple(p for p in (main, volume_truth, voxels, *given_files) if p is not None),
             paths.analysis,
             lambda: _stage("analysis").run(
                 scene, input=main, output=paths.analysis, volume=volume_truth, orientations=voxels

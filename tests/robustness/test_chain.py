@@ -108,3 +108,16 @@ def test_flow_keeps_volume_and_height(done: tuple[Scene, Path]) -> None:
         F = last["deformation_gradient"].reshape(-1, 3, 3)
         assert abs(np.average(F[:, 2, 2], weights=flow.static["volume"]) - 2.2 / 2.4) < 0.01
         assert (flow.history["press_force"][-3:] > 0).all() if "press_force" in flow.history else True
+
+
+def test_files_that_the_analysis_names_are_watched(tmp_path: Path) -> None:
+    """Another mesh or another mask means another analysis."""
+    (tmp_path / "part.vtu").write_text("one")
+    (tmp_path / "front.png").write_text("two")
+    text = SCENE.replace(
+        "slices: 3}}", "slices: 3}, mesh: {path: part.vtu}, front: {mask: {path: front.png, pixel: 0.1 mm}}}"
+    )
+    (tmp_path / "scene.yaml").write_text(text)
+    scene = load_scene(tmp_path / "scene.yaml")
+    *_, analysis = links(scene, run_paths(scene, tmp_path / "run"))
+    assert {path.name for path in analysis.inputs} >= {"flow.vtkhdf", "part.vtu", "front.png"}
