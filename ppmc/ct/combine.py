@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from ppmc.compile_cache import njit
-from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, R9, R10, R11, WORK, kernel, smallest, solve
+from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, R9, R10, R11, WORK, inlined, kernel, smallest, solve
 from ppmc.ct.sides import choose_side, load, press_flat
 
 U = np.uint64
@@ -29,18 +29,22 @@ PARALLEL = np.float32(0.05)
 
 
 @kernel()
-def _blend(coarse, low, low1, high, high1, b, a, n, out):
-    """Interpolate a chunk of a coarse field between four stretches, rows with share b, planes with share a.
+def _blend(coarse, low, low1, high, high1, apart, b, a, n, out):
+    """Interpolate six components, ``apart`` floats apart, between four stretches: rows with share b, planes with a.
 
     A share of one gives the upper value to the last bit, as a share of zero does in the next cell.
     """
-    for i in range(U(n)):
-        first = (ONE - b) * coarse[low + i] + b * coarse[low1 + i]
-        second = (ONE - b) * coarse[high + i] + b * coarse[high1 + i]
-        out[i] = (ONE - a) * first + a * second
+    for c in range(6):
+        o = U(c * CHUNK)
+        shift = U(c * apart)
+        p, p1, q, q1 = U(low) + shift, U(low1) + shift, U(high) + shift, U(high1) + shift
+        for i in range(U(n)):
+            first = (ONE - b) * coarse[p + i] + b * coarse[p1 + i]
+            second = (ONE - b) * coarse[q + i] + b * coarse[q1 + i]
+            out[o + i] = (ONE - a) * first + a * second
 
 
-@kernel()
+@inlined()
 def _release(small, press, normal):
     """Take the pressure out of the eigenvalues again: mean squared gradients along the axes that were found."""
     for i in range(CHUNK):
@@ -56,7 +60,7 @@ def _release(small, press, normal):
         small[R2 + i] = high
 
 
-@kernel()
+@inlined()
 def _orthogonal(small, large):
     """Make the normals of ``large`` orthogonal to p of ``small``; where they are parallel to it, take ``small``'s."""
     for i in range(CHUNK):
@@ -81,7 +85,7 @@ def _orthogonal(small, large):
         large[R8 + i] = norm * rz
 
 
-@kernel()
+@inlined()
 def _axes(small, large, frame):
     """Write p and r into rows 0 to 5 of ``frame``, one sign for each axis: p towards +x, r towards +z."""
     for i in range(CHUNK):
@@ -101,7 +105,7 @@ def _axes(small, large, frame):
         frame[R5 + i] = sign * z
 
 
-@kernel()
+@inlined()
 def _certainty(small, large, scale, samples, frame):
     """Write eigenvalues, linearity of p, planarity of r and predicted error of p into rows 6 to 11 of ``frame``."""
     for i in range(CHUNK):
@@ -137,14 +141,15 @@ def _store_vectors(frame, row, out, first, n):
 
 
 @kernel()
-def _store(frame, row, out, first, n):
-    a = U(row * CHUNK)
+def _store_certainty(frame, confidence, planarity, predicted, first, n):
     o = U(first)
     for i in range(U(n)):
-        out[o + i] = frame[a + i]
+        confidence[o + i] = frame[R9 + i]
+        planarity[o + i] = frame[R10 + i]
+        predicted[o + i] = frame[R11 + i]
 
 
-@kernel()
+@inlined()
 def _judge(frame, least_energy, least_confidence, valid, first, n):
     """Clear ``valid`` where there is too little texture or p is too uncertain; zeros on entry stay."""
     o = U(first)
@@ -220,12 +225,11 @@ def orient_planes(
                 if two_scales:
                     k0, j0 = lower[0][k], lower[1][j]
                     k1, j1 = min(k0 + 1, cz - 1), min(j0 + 1, cy - 1)
-                    for c in range(6):
-                        _blend(
-                            coarse, U(((k0 * cy + j0) * 6 + c) * cx + i), U(((k0 * cy + j1) * 6 + c) * cx + i),
-                            U(((k1 * cy + j0) * 6 + c) * cx + i), U(((k1 * cy + j1) * 6 + c) * cx + i),
-                            share[1][j], share[0][k], n, blended[c * CHUNK : (c + 1) * CHUNK],
-                        )  # fmt: skip
+                    plane, plane1, apart = k0 * cy, k1 * cy, 6 * cx
+                    _blend(
+                        coarse, (plane + j0) * apart + i, (plane + j1) * apart + i, (plane1 + j0) * apart + i,
+                        (plane1 + j1) * apart + i, cx, share[1][j], share[0][k], n, blended,
+                    )  # fmt: skip
                     solve(blended, work, large)
                 elif side_steps > 0:
                     solve(best, work, large)
@@ -254,7 +258,5 @@ def orient_planes(
                 _store_vectors(frame, 0, fibre, o, n)
                 _store_vectors(frame, 3, normal, o, n)
                 _store_vectors(frame, 6, values, o, n)
-                _store(frame, 9, confidence, o, n)
-                _store(frame, 10, planarity, o, n)
-                _store(frame, 11, predicted, o, n)
+                _store_certainty(frame, confidence, planarity, predicted, o, n)
                 _judge(frame, least_energy, least_confidence, valid, o, n)

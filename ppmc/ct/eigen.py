@@ -28,8 +28,10 @@ from numpy.typing import NDArray
 from ppmc.compile_cache import fma, njit
 
 F = np.float32
-kernel = partial(njit, nogil=True, no_cpython_wrapper=True, forceinline=True)
-"""Decorator of kernels that only kernels call, on so few numbers that a call would take as long as the work."""
+kernel = partial(njit, nogil=True, no_cpython_wrapper=True)
+"""Decorator of kernels that only kernels call: without the wrapper for Python they compile sooner."""
+inlined = partial(kernel, forceinline=True)
+"""Decorator of kernels that do so little that a call would take as long as the work."""
 CHUNK = 64
 """Tensors solved together; a component of theirs is a stretch of so many floats, a row."""
 R1, R2, R3, R4, R5, R6, R7, R8, R9, R10, R11 = (row * CHUNK for row in range(1, 12))
@@ -80,7 +82,7 @@ def _deviator(xx, yy, zz, xy, yz, xz):
     return mean, scale, a, b, c, d, e, f, min(max(h, -ONE), ONE)
 
 
-@kernel()
+@inlined()
 def _deviators(tensor, work):
     """Write normalised deviators (rows 0 to 5), the eigenvalue of each that stands apart, mean and scale."""
     for i in range(CHUNK):
@@ -99,7 +101,7 @@ def _deviators(tensor, work):
         work[R8 + i] = scale
 
 
-@kernel()
+@inlined()
 def _vectors_apart(work):
     """Write the unit vector of the eigenvalue that stands apart into rows 9 to 11.
 
@@ -131,7 +133,7 @@ def _vectors_apart(work):
         work[R11 + i] = z * norm
 
 
-@kernel()
+@inlined()
 def _remaining(work, out):
     """Solve for the other two eigenvalues, and write l1, l2, l3 and the unit vectors of l1 and of l3."""
     for i in range(CHUNK):

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from ppmc.compile_cache import njit
-from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, kernel, smallest
+from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, inlined, kernel, smallest
 
 U = np.uint64
 ZERO, ONE = np.float32(0.0), np.float32(1.0)
@@ -60,7 +60,7 @@ def score_planes(tensors, first, last, channels, size, scores):
                 scores[o + i] = score[i]
 
 
-@kernel()
+@inlined()
 def _aim(normal, inverse_h, aim):
     """Scale normals so that their largest component, counted in voxels, is one: a step moves by whole voxels."""
     hx, hy, hz = inverse_h[0], inverse_h[1], inverse_h[2]
@@ -74,7 +74,7 @@ def _aim(normal, inverse_h, aim):
         aim[R2 + i] = z * scale
 
 
-@kernel()
+@inlined()
 def _place(aim, move, x0, step, y, z, nx, ny, nz, pitch, channels, places):
     """Write where the voxels ``move`` steps along the aims stand, within the border: in the scores, in the tensors."""
     fy, fz = np.float32(y), np.float32(z)
@@ -88,13 +88,13 @@ def _place(aim, move, x0, step, y, z, nx, ny, nz, pitch, channels, places):
         places[CHUNK + i] = plane * (channels * ny * pitch) + inside
 
 
-@kernel()
+@inlined()
 def _take_scores(scores, places, out):
     for i in range(CHUNK):
         out[i] = scores[U(places[i])]
 
 
-@kernel()
+@inlined()
 def _take_tensors(tensors, places, apart, out):
     for c in range(6):
         o = U(c * CHUNK)
@@ -103,7 +103,7 @@ def _take_tensors(tensors, places, apart, out):
             out[o + i] = tensors[U(places[CHUNK + i]) + shift]
 
 
-@kernel()
+@inlined()
 def _keep_better(score, places, best_score, best_places):
     for i in range(CHUNK):
         better = score[i] < best_score[i]
@@ -135,7 +135,7 @@ def choose_side(
     _take_tensors(tensors, best_places, ny * pitch, best)
 
 
-@kernel()
+@inlined()
 def press_flat(tensor, press, normal):
     """Add to each tensor ``press`` times its normal's dyad: a doubtful p is kept in the platelet's plane."""
     for i in range(CHUNK):
