@@ -18,8 +18,9 @@ Three = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 FINEST_SIGMA = 0.5
 THIN = 0.7
 """Standard deviation of the window for p across platelets, voxels: just enough to average one gradient's noise."""
-IN_PLANE = 3.5
-"""Standard deviation of the window for p along platelets, voxels."""
+IN_PLANE, LEAST_IN_PLANE, IN_PLANE_THICKNESSES = 3.5, 3.0, 0.375
+"""Standard deviation of the window for p along platelets, voxels: so many thicknesses, within bounds. A tilted platelet
+leaves the window the sooner the thinner it is; below the lower bound noise would cost more than that."""
 ROUND = 2.0
 """Standard deviation of the window for p where the plane of the platelets is not known, voxels."""
 NORMAL_VOXELS, NORMAL_THICKNESSES = 8.0, 1.3
@@ -126,7 +127,8 @@ def _fibre_window(section: CtSection, h: NDArray[np.float64], thickness: float |
         return np.array(window if isinstance(window, tuple) else (window,) * 3)
     if thickness is None:
         return np.full(3, ROUND * h.min())
-    return np.array([IN_PLANE * h[:2].min(), IN_PLANE * h[:2].min(), THIN * h[2]])
+    along = float(np.clip(IN_PLANE_THICKNESSES * thickness / h.min(), LEAST_IN_PLANE, IN_PLANE) * h[:2].min())
+    return np.array([along, along, THIN * h[2]])
 
 
 def _odd_cell(width: float) -> int:
