@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from ppmc.scene.ct import CtSection
 
 Keep = Callable[[Fields, Box], None]
+JOB_THREADS = 4
+"""Threads for which work that may go on elsewhere is cut, unless the scene says: all machines must cut it alike."""
 
 
 def make_phantom(scene: Scene, output: Path) -> Path:
@@ -121,10 +123,12 @@ def run(
     with opened(scene, path, mask_path) as volume:
         job = plan(scene, volume)
         grid = registered(VoxelGrid(volume.shape, job.spacing, volume.origin, volume.direction), section.registration)
-        threads, tiles = _cut(job, section)
+        keeps = resume or part is not None
+        threads, tiles = _cut(job, section, section.threads or (JOB_THREADS if keeps else threads_of(0)))
+        threads = min(threads, threads_of(section.threads))
         provenance = Provenance.collect("ppmc.ct", scene, ("ct",), inputs=[path, mask_path])
         boxes = tiles.boxes()
-        parts = Parts(output.with_name(f"{output.name}.parts"), provenance, tiles) if resume or part else None
+        parts = Parts(output.with_name(f"{output.name}.parts"), provenance, tiles) if keeps else None
         if part is not None:
             boxes = boxes[part[0] - 1 :: part[1]]
         if parts is not None:
@@ -149,9 +153,8 @@ def run(
     return output
 
 
-def _cut(job: Job, section: CtSection) -> tuple[int, Tiling]:
+def _cut(job: Job, section: CtSection, threads: int) -> tuple[int, Tiling]:
     """Return the number of threads and the tiles; where it is left to us, fewer threads rather than too much memory."""
-    threads = threads_of(section.threads)
     while True:
         try:
             return threads, tiling(
