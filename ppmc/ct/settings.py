@@ -39,6 +39,8 @@ class Settings:
         Taps of Gaussian, derivative (per mm) and window for p.
     cell : tuple of int
         Voxels per cell of the coarse grid on which the window for r is applied.
+    cell_reach : tuple of int
+        Half length of that window, cells.
     side_steps : int
         Reach of displaced windows, voxels.
     """
@@ -50,6 +52,7 @@ class Settings:
     slope: Three
     window: Three
     cell: tuple[int, int, int]
+    cell_reach: tuple[int, int, int]
     side_steps: int
 
     @property
@@ -106,6 +109,9 @@ def settings(section: CtSection, spacing: Triple, shape: tuple[int, int, int], t
     slope = [filters.derivative(s) / np.float32(step) for s, step in zip(fine, h, strict=True)]
     two_scales = normal > float(fibre.max()) * 1.01 or section.normal_window is not None
     cells = tuple(_odd_cell(normal / step) for step in h)
+    reach = tuple(
+        len(filters.gaussian(coarse_sigma(normal, step, cell))) // 2 for step, cell in zip(h, cells, strict=True)
+    )
     return Settings(
         sigma=(sigma, sigma, sigma),
         fibre_window=_triple(fibre),
@@ -116,6 +122,7 @@ def settings(section: CtSection, spacing: Triple, shape: tuple[int, int, int], t
             [filters.gaussian(float(w / step), filters.WINDOW_CUT) for w, step in zip(fibre, h, strict=True)]
         ),
         cell=cells,  # type: ignore[arg-type]
+        cell_reach=reach,  # type: ignore[arg-type]
         side_steps=section.side_steps if section.side_steps is not None else (1 if thickness else 0),
     )
 

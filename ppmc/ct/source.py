@@ -6,8 +6,6 @@ Raw files, TIFF (one file of many pages or a folder of slices), HDF5, Zarr and p
 
 from __future__ import annotations
 
-import re
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -17,11 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmc.ct.tiff import TIFF, Box, tiff_file, tiff_folder
 from ppmc.errors import InputFileError, SceneError
 from ppmc.scene.ct import VolumeSource
 
-Box = tuple[slice, slice, slice]
-TIFF = {".tif", ".tiff"}
 HDF5 = {".h5", ".hdf5", ".hdf", ".nxs"}
 RAW = {".raw", ".bin", ".dat", ".vol"}
 
@@ -108,13 +105,13 @@ def open_volume(path: Path, source: VolumeSource) -> Iterator[Volume]:
         if ending == ".zarr" or (path / ".zarray").exists() or (path / "zarr.json").exists():
             volume = _zarr(path, source.dataset)
         elif path.is_dir():
-            volume = _folder(path)
+            volume = Volume(path, *tiff_folder(path))
         elif ending == ".vtkhdf":
             volume = stack.enter_context(_own(path))
         elif ending in HDF5:
             volume = stack.enter_context(_hdf5(path, source.dataset))
         elif ending in TIFF:
-            volume = stack.enter_context(_tiff(path))
+            volume = Volume(path, *stack.enter_context(tiff_file(path)))
         elif ending in RAW or source.shape is not None:
             volume = _raw(path, source)
         else:
@@ -201,96 +198,3 @@ def _only_volume(file: Any, path: Path) -> str:
             f"{path}: name the volume with ct: source: dataset:; three-dimensional datasets: {listing}"
         )
     return found[0]
-
-
-@contextmanager
-def _tiff(path: Path) -> Iterator[Volume]:
-    import tifffile
-
-    try:
-        file = tifffile.TiffFile(path)
-        pages = list(file.pages)
-    except (tifffile.TiffFileError, OSError, ValueError, IndexError) as error:
-        raise InputFileError(f"{path}: cannot be read as TIFF: {error}") from None
-    with file:
-        if not pages:
-            raise InputFileError(f"{path}: is a TIFF file without images")
-        first = pages[0]
-        if first.ndim == 3 and len(pages) == 1:
-            data = _page(first, path)
-            yield Volume(path, data.shape, data.dtype, lambda box: data[box])
-            return
-        if first.ndim != 2:
-            raise InputFileError(f"{path}: its images have shape {first.shape}; grey-value slices (y, x) are needed")
-        for number, page in enumerate(pages):
-            _same_slice(page, first, f"{path}: page {number}")
-        shape = (len(pages), *first.shape)
-        # All threads read through one file handle, and a page is a seek followed by a read.
-        turn = threading.Lock()
-
-        def read(box: Box) -> NDArray[Any]:
-            with turn:
-                return np.stack([_page(pages[z], path)[box[1:]] for z in range(*box[0].indices(len(pages)))])
-
-        yield Volume(path, shape, first.dtype, read)  # type: ignore[arg-type]
-
-
-def _page(page: Any, path: Path) -> NDArray[Any]:
-    """Return the image of a page; tifffile fills what a truncated file lacks with zeros, so that is checked here."""
-    size = path.stat().st_size
-    if any(a + n > size for a, n in zip(page.dataoffsets, page.databytecounts, strict=True)):
-        raise InputFileError(f"{path}: page {page.index} ends beyond the file's {size:,} bytes; the file is truncated")
-    try:
-        return np.asarray(page.asarray())
-    except Exception as error:  # tifffile's decoders raise whatever they meet
-        raise InputFileError(f"{path}: page {page.index} is damaged: {error}") from None
-
-
-def _same_slice(page: Any, first: Any, where: str) -> None:
-    if page.shape != first.shape or page.dtype != first.dtype:
-        raise InputFileError(
-            f"{where} is {page.shape} {page.dtype}, but the first slice is {first.shape} {first.dtype}; "
-            "all slices of a stack must be alike"
-        )
-
-
-def _folder(path: Path) -> Volume:
-    import tifffile
-
-    def natural(file: Path) -> list[Any]:
-        return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)]
-
-    files = sorted((f for f in path.iterdir() if f.suffix.lower() in TIFF), key=natural)
-    if not files:
-        raise InputFileError(f"{path}: folder without .tif slices")
-
-    def slice_of(file: Path) -> NDArray[Any]:
-        try:
-            with tifffile.TiffFile(file) as tiff:
-                return _page(tiff.pages[0], file)
-        except (tifffile.TiffFileError, OSError, IndexError) as error:
-            raise InputFileError(f"{file}: cannot be read as TIFF: {error}") from None
-
-    def header_of(file: Path) -> tuple[tuple[int, ...], Any]:
-        try:
-            with tifffile.TiffFile(file) as tiff:
-                page = tiff.pages[0]
-                return page.shape, page.dtype
-        except (tifffile.TiffFileError, OSError, IndexError) as error:
-            raise InputFileError(f"{file}: cannot be read as TIFF: {error}") from None
-
-    shape, dtype = header_of(files[0])
-    if len(shape) != 2:
-        raise InputFileError(f"{files[0]}: has shape {shape}; grey-value slices (y, x) are needed")
-    for file in files[1:]:
-        other = header_of(file)
-        if other != (shape, dtype):
-            raise InputFileError(
-                f"{file}: is {other[0]} {other[1]}, but {files[0].name} is {shape} {dtype}; "
-                "all slices of a stack must be alike"
-            )
-
-    def read(box: Box) -> NDArray[Any]:
-        return np.stack([slice_of(files[z])[box[1:]] for z in range(*box[0].indices(len(files)))])
-
-    return Volume(path, (len(files), shape[0], shape[1]), np.dtype(dtype), read)

@@ -124,7 +124,11 @@ def run(
         job = plan(scene, volume)
         grid = registered(VoxelGrid(volume.shape, job.spacing, volume.origin, volume.direction), section.registration)
         keeps = resume or part is not None
-        threads, tiles = _cut(job, section, section.threads or (JOB_THREADS if keeps else threads_of(0)))
+        cells = cells_of(job)
+        # sums that take little of the memory are kept in it, others in a file
+        kept = 0.0 if cells is None or cells.nbytes > section.memory * MIB / 4 else cells.nbytes / MIB
+        wanted = section.threads or (JOB_THREADS if keeps else threads_of(0))
+        threads, tiles = _cut(job, section, section.memory - kept, wanted)
         threads = min(threads, threads_of(section.threads))
         provenance = Provenance.collect("ppmc.ct", scene, ("ct",), inputs=[path, mask_path])
         boxes = tiles.boxes()
@@ -134,10 +138,8 @@ def run(
         if parts is not None:
             boxes = parts.missing(boxes)
         with scratch_file(output) as scratch, ThreadPoolExecutor(threads) as pool:
-            cells = cells_of(job)
             if cells is not None and 2 * len(boxes) > len(tiles.boxes()):
-                small = cells.nbytes < section.memory * MIB / 4
-                cells.fill(pool, None if small else scratch)
+                cells.fill(pool, None if kept else scratch)
             with Progress("structure tensor", total=len(boxes), unit="tiles") as bar, ExitStack() as stack:
                 keep = parts.keep if parts else stack.enter_context(_writer(output, job, grid, provenance))
                 for block in compute_tiles(job, cells, boxes, pool, threads):
@@ -153,12 +155,12 @@ def run(
     return output
 
 
-def _cut(job: Job, section: CtSection, threads: int) -> tuple[int, Tiling]:
+def _cut(job: Job, section: CtSection, memory: float, threads: int) -> tuple[int, Tiling]:
     """Return the number of threads and the tiles; where it is left to us, fewer threads rather than too much memory."""
     while True:
         try:
             return threads, tiling(
-                job.shape, job.chosen, stride=job.stride, budget=section.memory, threads=threads,
+                job.shape, job.chosen, stride=job.stride, budget=memory, threads=threads,
                 itemsize=job.volume.dtype.itemsize, masked=job.volume.read_mask is not None,
             )  # fmt: skip
         except SceneError:

@@ -15,6 +15,8 @@ MIB = 2**20
 BASE_BYTES = 280 * MIB
 """What the interpreter, the compiled kernels and the file libraries take before any voxel is read."""
 FIELD_BYTES = 49
+CELL_BYTES = 80
+"""Sums of a cell of the large window, before and after each of its passes, and the tensors made of them."""
 BATCH = 16
 """Planes of tensors at a time: fewer stay in a nearer cache, more share what their windows have in common."""
 PLANES = 12
@@ -68,7 +70,10 @@ def tile_bytes(tile: tuple[int, int, int], chosen: Settings, stride: int, itemsi
     ring = (2 * chosen.window_radius[2] + 1 + (pulled - 1) * dense) * channels
     slab = pulled * (channels + 1)
     tensors = (ring + slab) * plane // dense**2
-    return voxels * (4 + itemsize + (16 if masked else 0)) + tensors + PLANES * plane + FIELD_BYTES * outputs
+    cells = CELL_BYTES if chosen.normal_window is not None else 0
+    for t, c, r in zip(tile, chosen.cell[::-1], chosen.cell_reach[::-1], strict=True):
+        cells *= t * stride // c + 2 * r + 3
+    return cells + voxels * (4 + itemsize + (16 if masked else 0)) + tensors + PLANES * plane + FIELD_BYTES * outputs
 
 
 def tiling(

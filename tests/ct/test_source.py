@@ -83,6 +83,16 @@ def test_threads_may_read_at_once(tmp_path, make, monkeypatch):
             assert np.array_equal(got, grey[box])
 
 
+def test_slices_may_be_numbered_in_steps_or_not_at_all(tmp_path):
+    for names in (["a00", "a05", "a10", "a15"], ["bottom", "middle", "top"], ["s1_of_9", "s2_of_9", "s3_of_9"]):
+        folder = tmp_path / names[0]
+        folder.mkdir()
+        for name in names:
+            tifffile.imwrite(folder / f"{name}.tif", GREY[0])
+        with open_volume(folder, VolumeSource()) as volume:
+            assert volume.shape == (len(names), *GREY[0].shape)
+
+
 def test_own_file_states_its_grid(tmp_path):
     path, source = own(tmp_path)
     with open_volume(path, source) as volume:
@@ -153,6 +163,19 @@ def mixed_types(folder):
     return folder, VolumeSource(), "slice9.tif.*uint16"
 
 
+def truncated_slice(folder):
+    tiff_slices(folder)
+    path = folder / "slice9.tif"
+    path.write_bytes(path.read_bytes()[:-20])
+    return folder, VolumeSource(), "slice9.tif.*(truncated|cannot be read)"
+
+
+def missing_slice(folder):
+    tiff_slices(folder)
+    (folder / "slice9.tif").unlink()
+    return folder, VolumeSource(), "slice10.tif.*2 above.*slices are missing"
+
+
 def colour(folder):
     tifffile.imwrite(folder / "rgb.tif", np.zeros((4, 5, 6, 3), np.uint8), photometric="rgb")
     return folder / "rgb.tif", VolumeSource(), "grey-value slices"
@@ -210,7 +233,8 @@ def text_dataset(folder):
 @pytest.mark.parametrize(
     "make",
     [missing, wrong_raw_size, raw_untold, unknown_ending, truncated_tiff, truncated_compressed_tiff, no_tiff_at_all,
-     mixed_pages, mixed_slices, mixed_types, colour, empty_folder, nan_voxel, flat_dataset, two_datasets, wrong_dataset,
+     mixed_pages, mixed_slices, mixed_types, truncated_slice, missing_slice, colour,
+     empty_folder, nan_voxel, flat_dataset, two_datasets, wrong_dataset,
      external_link, truncated_hdf5, text_dataset],
 )  # fmt: skip
 def test_bad_input_is_refused_by_name(tmp_path, make):

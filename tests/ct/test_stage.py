@@ -95,6 +95,17 @@ def test_what_does_not_fit_is_refused(volume, tmp_path, section, kind, message):
     assert not (tmp_path / "o.vtkhdf").exists()
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_voxel_that_is_no_number_is_named_wherever_it_is(tmp_path, bad):
+    grey = np.random.default_rng(0).standard_normal((80, 24, 24)).astype(np.float32)
+    grey[41, 5, 6] = bad  # not among the planes from which the mean grey value is taken
+    tifffile.imwrite(tmp_path / "a.tif", grey, photometric="minisblack")
+    scene = Scene(name="nan", ct={"source": {"voxel_size": 0.1}, "noise_level": 0.1})
+    with pytest.raises(InputFileError, match=r"\[41, 5, 6\] is not a finite number"):
+        run(scene, input=tmp_path / "a.tif", output=tmp_path / "o.vtkhdf")
+    assert not (tmp_path / "o.vtkhdf").exists()
+
+
 def test_voxel_size_must_be_known(tmp_path):
     tifffile.imwrite(tmp_path / "a.tif", np.zeros((24, 24, 24), np.uint8), photometric="minisblack")
     with pytest.raises(SceneError, match="voxel_size"):
