@@ -217,8 +217,21 @@ class DoubleDome(Part):
             "flange_minus": [0.0, 1.0, 0.0],
             "flange_plus": [0.0, 1.0, 0.0],
         }
-        boxes = self.regions()
-        return {"source": "regional", "regions": {k: {**boxes[k], "normal": n} for k, n in normals.items()}}
+        # Widened from the inspection regions of the closed part to hold all of the charge before closure.
+        high, thick, out = self.depth + 2.0 * self.sheet[2], 2.0 * self.sheet[2], self.half_width + 2.0 * self.thickness
+        half, top, rim = self.spine / 2.0, self.top_half_width, self.rim
+        spans = {
+            "top": ((-top, top), (self.depth - self.thickness, high)),
+            "wall_minus": ((-out, -top), (0.0, high)),
+            "wall_plus": ((top, out), (0.0, high)),
+            "flange_minus": ((-rim, -out), (0.0, thick)),
+            "flange_plus": ((out, rim), (0.0, thick)),
+        }
+        regions = {
+            name: {"min": [x[0], y[0], -half], "max": [x[1], y[1], half], "normal": normals[name]}
+            for name, (x, y) in spans.items()
+        }
+        return {"source": "regional", "regions": regions}
 
     def mesh(self, size: float) -> HexMesh:
         """Return a structural mesh of the closed part."""
