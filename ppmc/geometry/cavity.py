@@ -67,7 +67,7 @@ def cavity_volume(
     time : float
         When, s.
     spacing : float, optional
-        Size of the cells, mm; by default 1/160 of the longest side of the cavity.
+        Size of the cells, mm; by default 1/128 of the longest side of the cavity. An open one has coarser cells.
     offsets : ndarray, shape (tools, 3), optional
         Displacements to use in place of the prescribed ones at `time`, mm.
 
@@ -78,8 +78,11 @@ def cavity_volume(
     """
     points = as_points(seeds)
     shift = tools.offsets(time) if offsets is None else offsets
-    low, high = _bounding_box(tools, points, shift, time)
+    low, high, ends = _bounding_box(tools, points, shift, time)
     step = float(np.max(high - low)) / CELLS_ALONG if spacing is None else float(spacing)
+    if not ends:
+        # Of a space without end no volume is wanted, and its box is large.
+        step = max(step, float(np.max(high - low)) / COARSE_CELLS_ALONG)
     step = max(step, float(np.prod(high - low) / MOST_CELLS) ** (1 / 3))
     low, high = low - step, high + step
     share, inside = _free_space(tools, points, shift, low, high, step, time)
@@ -88,8 +91,10 @@ def cavity_volume(
     return Cavity(volume, not _open_sides(inside).any(), (low, low + step * cells), step)
 
 
-def _bounding_box(tools: ToolSet, points: FloatArray, shift: FloatArray, time: float) -> tuple[FloatArray, FloatArray]:
-    """Return a box around the free space, found on coarse cells; sides that stay open end it after some growth."""
+def _bounding_box(
+    tools: ToolSet, points: FloatArray, shift: FloatArray, time: float
+) -> tuple[FloatArray, FloatArray, bool]:
+    """Return a box around the free space and whether that ends in it; found on coarse cells, grown a few times."""
     low, high = points.min(axis=0), points.max(axis=0)
     pad = max(0.05 * float(np.max(high - low)), 1.0)
     low, high = low - pad, high + pad
@@ -100,9 +105,9 @@ def _bounding_box(tools: ToolSet, points: FloatArray, shift: FloatArray, time: f
         sides = _open_sides(inside)
         if not sides.any():
             filled = np.argwhere(inside)[:, ::-1]
-            return low + step * (filled.min(axis=0) - 1), low + step * (filled.max(axis=0) + 2)
+            return low + step * (filled.min(axis=0) - 1), low + step * (filled.max(axis=0) + 2), True
         low, high = low - 0.5 * longest * sides[0], high + 0.5 * longest * sides[1]
-    return low, high
+    return low, high, False
 
 
 def _open_sides(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
