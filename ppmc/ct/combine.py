@@ -202,9 +202,12 @@ def orient_planes(
     nz, ny, nx, pitch, channels = shape
     cz, cy, cx = coarse_shape
     two_scales = coarse.shape[0] > 0
-    best = np.zeros(6 * CHUNK, np.float32)
-    other = np.zeros(6 * CHUNK, np.float32)
-    blended = np.zeros(6 * CHUNK, np.float32)
+    best = np.empty(6 * CHUNK, np.float32)
+    other = np.empty(6 * CHUNK, np.float32)
+    blended = np.empty(6 * CHUNK, np.float32)
+    for m in range(6 * CHUNK):  # a chunk is always solved whole, whatever its last part holds
+        best[m] = ZERO
+        blended[m] = ZERO
     small = np.empty(9 * CHUNK, np.float32)
     large = np.empty(9 * CHUNK, np.float32)
     work = np.empty(WORK, np.float32)

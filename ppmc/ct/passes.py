@@ -74,9 +74,9 @@ def pairs_of(radius):
 def weights(taps, pairs):
     """Return the middle tap and those to its right, zeros behind."""
     radius = taps.shape[0] // 2
-    out = np.zeros(pairs + 1, np.float32)
-    for t in range(radius + 1):
-        out[t] = taps[radius + t]
+    out = np.empty(pairs + 1, np.float32)
+    for t in range(pairs + 1):
+        out[t] = taps[radius + t] if t <= radius else ZERO
     return out
 
 

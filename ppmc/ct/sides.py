@@ -48,7 +48,9 @@ def score_planes(tensors, first, last, channels, size, scores):
     scores : (planes * size,) float32
         Filled.
     """
-    chunk = np.zeros(6 * CHUNK, np.float32)
+    chunk = np.empty(6 * CHUNK, np.float32)
+    for i in range(6 * CHUNK):
+        chunk[i] = ZERO
     score = np.empty(CHUNK, np.float32)
     for plane in range(first, last):
         for at in range(0, size, CHUNK):

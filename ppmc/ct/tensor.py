@@ -241,7 +241,7 @@ def pull_planes(
     apart = slot_size(size)
     mean_z = weights(window_z, pairs_of(half))
     window_planes = stretches(half, pairs_of(half), 1)
-    by_slot = np.empty_like(window_planes)
+    by_slot = np.empty(window_planes.shape[0], np.uint64)
     noisy = False
     for channel in range(6):
         noisy |= noise[channel] != ZERO
