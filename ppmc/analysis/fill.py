@@ -5,33 +5,38 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ppmc.analysis.occupancy import Cells
+from ppmc.analysis.occupancy import Cells, fill_shares
+from ppmc.analysis.samples import Samples
 
-# A cell of two spacings holds a particle wherever there is material, so a filled place has no gaps.
-CELL_IN_SPACINGS = 2.0
+CELL_IN_SPACINGS = 1.0
+BITS_A_CELL = 2.0
+HALF = 0.5
 
 
-def fill_times(frames: Iterable[tuple[float, np.ndarray]], cells: Cells, final: np.ndarray) -> np.ndarray:
-    """Return the time at which the place of each final point was first reached.
+def fill_times(frames: Iterable[tuple[float, Samples]], cells: Cells, last: Samples) -> NDArray[np.float64]:
+    """Return the time at which the place of each point of the last state was first filled.
 
     Parameters
     ----------
-    frames : iterable of (float, ndarray of shape (n, 3))
-        Times (s, ascending) and positions (mm).
+    frames : iterable of (float, Samples)
+        Times (s, ascending) and states; with the field ``deformation_gradient`` particles count with their deformed
+        extent.
     cells : Cells
         Around all frames.
-    final : ndarray, shape (m, 3)
-        Places to ask for, mm.
+    last : Samples
+        The last state, m points.
 
     Returns
     -------
     ndarray, shape (m,)
-        s; as fine as the frames are, NaN for places no frame reached.
+        s; as fine as the frames are. A cell is filled once it holds half of what it holds in the end; NaN for places
+        that no frame filled.
     """
-    first = np.full(int(np.prod(cells.shape)), np.nan)
-    for time, positions in frames:
-        reached = np.unique(cells.index(positions))
-        new = reached[np.isnan(first[reached])]
-        first[new] = time
-    return first[cells.index(final)]
+    level = HALF * fill_shares([last], cells, bits_a_cell=BITS_A_CELL)
+    first = np.full(cells.shape, np.nan)
+    for time, state in frames:
+        filled = fill_shares([state], cells, bits_a_cell=BITS_A_CELL) >= level
+        first[filled & (level > 0) & np.isnan(first)] = time
+    return np.asarray(first.reshape(-1)[cells.index(last.positions)])

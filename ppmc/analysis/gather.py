@@ -18,6 +18,7 @@ from ppmc.analysis.knit import find_knit_lines
 from ppmc.analysis.occupancy import cells_around
 from ppmc.analysis.paths import AXIS_NAMES
 from ppmc.analysis.results import Analysed, FlowMaps, Results, press_force
+from ppmc.analysis.samples import Samples
 from ppmc.analysis.sources import Source, charge_source, flow_source, orientations_source, truth_source
 from ppmc.files import ParticleFile, SeriesFile, VoxelFile
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from ppmc.scene import Scene
     from ppmc.scene.analysis import AnalysisSection
 
-FILL_FRAMES = 200
+FILL_FRAMES = 100
 LEAST_KNOWN_SHARE = 0.9999
 MOULDED = "CT of the part"
 
@@ -188,8 +189,8 @@ def _add_flow(results: Results, flow: SeriesFile) -> None:
     source = flow_source(flow, -1)
     last = next(source.parts())
     ends = (last.positions, flow.frame(0, ())["position"])
-    cells = cells_around(ends, 0.5 * source.spacing, CELL_IN_SPACINGS * source.spacing)
-    times = fill_times(_positions(flow), cells, last.positions) if len(flow.times) > 1 else None
+    cells = cells_around(ends, source.spacing, CELL_IN_SPACINGS * source.spacing)
+    times = fill_times(_states(flow), cells, last) if len(flow.times) > 1 else None
     if last.fibre_direction is None:
         return
     knit = find_knit_lines(
@@ -203,10 +204,13 @@ def _add_flow(results: Results, flow: SeriesFile) -> None:
     results.flow_maps = FlowMaps(last, source.spacing, times, knit)
 
 
-def _positions(flow: SeriesFile) -> Iterator[tuple[float, np.ndarray]]:
-    """Yield times and positions, at most `FILL_FRAMES` of them."""
+def _states(flow: SeriesFile) -> Iterator[tuple[float, Samples]]:
+    """Yield times and where the material is, at most `FILL_FRAMES` of them."""
+    volume = flow.static["volume"].astype(float)
     for k in np.unique(np.linspace(0, len(flow.times) - 1, FILL_FRAMES).round().astype(int)):
-        yield float(flow.times[k]), flow.frame(int(k), ())["position"]
+        values = flow.frame(int(k), ("deformation_gradient",))
+        fields = {"deformation_gradient": values["deformation_gradient"]}
+        yield float(flow.times[k]), Samples("flow", values["position"], volume, fields=fields)
 
 
 def _kinematics_of(flow: SeriesFile, k: int) -> Kinematics:

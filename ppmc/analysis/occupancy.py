@@ -76,7 +76,9 @@ def cells_around(clouds: Iterable[np.ndarray], margin: float, size: float) -> Ce
     return Cells(low, float(size), tuple(int(v) for v in shape))  # type: ignore[arg-type]
 
 
-def fill_shares(parts: Iterable[Samples], cells: Cells, edges: np.ndarray | None = None) -> NDArray[np.float64]:
+def fill_shares(
+    parts: Iterable[Samples], cells: Cells, edges: np.ndarray | None = None, bits_a_cell: float = BITS_A_CELL
+) -> NDArray[np.float64]:
     """Return the share of each cell's volume that is filled, shape of the grid; above 1 where pieces overlap.
 
     Parameters
@@ -87,6 +89,8 @@ def fill_shares(parts: Iterable[Samples], cells: Cells, edges: np.ndarray | None
     edges : ndarray, shape (3, 3), optional
         Rows are the edges of undeformed pieces, in units of the cube root of their volume, such as those of voxels on
         a turned grid; cubes along the tool axes if left out.
+    bits_a_cell : float
+        Bits along the edge of a cell; more are finer and slower.
     """
     total = np.zeros(int(np.prod(cells.shape)))
     sides = np.eye(3) if edges is None else np.asarray(edges, dtype=float)
@@ -99,7 +103,7 @@ def fill_shares(parts: Iterable[Samples], cells: Cells, edges: np.ndarray | None
         F = np.broadcast_to(np.eye(3), (n, 3, 3)) if F is None else np.asarray(F, dtype=float).reshape(n, 3, 3)
         stretch = float(np.percentile(np.abs(F).sum(axis=1).max(axis=1), 99.0))
         longest = stretch * float(side.max() * np.linalg.norm(sides, axis=1).max())
-        bits = int(np.clip(np.ceil(BITS_A_CELL * longest / cells.size), 2, MOST_BITS))
+        bits = int(np.clip(np.ceil(bits_a_cell * longest / cells.size), 2, MOST_BITS))
         marks = (np.arange(bits) + 0.5) / bits - 0.5
         offsets = np.stack(np.meshgrid(marks, marks, marks, indexing="ij"), -1).reshape(-1, 3) @ sides
         share = part.volume * np.abs(np.linalg.det(F)) / (len(offsets) * cells.size**3)

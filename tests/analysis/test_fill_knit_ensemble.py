@@ -17,19 +17,41 @@ def lattice(low: tuple[float, ...], high: tuple[float, ...], h: float = 1.0) -> 
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
 
 
+def cubes(positions: np.ndarray, F: np.ndarray | None = None, h: float = 1.0) -> Samples:
+    n = len(positions)
+    fields = {} if F is None else {"deformation_gradient": np.broadcast_to(F, (n, 3, 3)).reshape(n, 9)}
+    return Samples("s", positions, np.full(n, h**3), fields=fields)
+
+
 def test_fill_time_of_a_moving_front() -> None:
     """A block that grows at 1 mm/s along x1 from 4 mm: the place x fills at x − 4 s, as fine as cells and frames."""
-    frames = [(t, lattice((0, 0, 0), (4 + t, 4, 4))) for t in np.arange(0.0, 9.0)]
-    cells = cells_around([f for _, f in frames], 0.5, 1.0)
+    frames = [(t, cubes(lattice((0, 0, 0), (4 + t, 4, 4)))) for t in np.arange(0.0, 9.0)]
+    cells = cells_around([s.positions for _, s in frames], 0.5, 1.0)
     final = frames[-1][1]
     times = fill_times(frames, cells, final)
-    expected = np.maximum(np.floor(final[:, 0]) - 3, 0)
+    expected = np.maximum(np.floor(final.positions[:, 0]) - 3, 0)
     assert np.array_equal(times, expected)
+
+
+def test_fill_time_of_a_squeeze() -> None:
+    """Stretched along x1 by 1 + t: the place x fills when 10 (1 + t) = x, whatever the distance between particles."""
+    x, times = lattice((0, 0, 0), (10, 6, 6), 0.5), np.linspace(0, 1, 41)
+    frames = []
+    for t in times:
+        F = np.diag([1 + t, 1.0, 1 / (1 + t)])
+        frames.append((t, cubes(x @ F.T, F, 0.5)))
+    cells = cells_around([frames[0][1].positions, frames[-1][1].positions], 0.5, 0.5)
+    found = fill_times(frames, cells, frames[-1][1])
+    front = frames[-1][1].positions[:, 0]
+    expected = np.maximum(front / 10 - 1, 0)
+    # Half a cell and a frame.
+    assert np.abs(found - expected).max() < 0.5 * 0.5 / 10 + 0.025 + 0.02
 
 
 def test_places_never_reached_are_nan() -> None:
     cells = Cells(np.zeros(3), 1.0, (10, 1, 1))
-    times = fill_times([(0.0, np.array([[0.5, 0.5, 0.5]]))], cells, np.array([[0.5, 0.5, 0.5], [7.5, 0.5, 0.5]]))
+    start, end = cubes(np.array([[0.5, 0.5, 0.5]])), cubes(np.array([[0.5, 0.5, 0.5], [7.5, 0.5, 0.5]]))
+    times = fill_times([(0.0, start)], cells, end)
     assert times[0] == 0 and np.isnan(times[1])
 
 
