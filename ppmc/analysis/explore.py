@@ -57,6 +57,8 @@ def read_samples(path: str | Path, frame: int = -1, label: str | None = None) ->
             return next(flow_source(file, frame, label or "flow").parts())
     if product == "charge":
         return next(charge_source(read_particles(path, "charge"), label or "charge").parts())
+    if product not in ("volume", "orientations"):
+        raise InputFileError(f"{path}: holds '{product}', which carries no directions; give a flow, charge or CT file")
     with read_voxels(path, product) as voxels:
         if product == "volume":
             source = truth_source(voxels, label or "phantom truth")

@@ -200,6 +200,7 @@ def _add_flow(results: Results, flow: SeriesFile) -> None:
         last.fibre_direction,
         last.platelet_normal,
         last.fields.get("deformation_gradient"),
+        last.volume,
     )
     results.flow_maps = FlowMaps(last, source.spacing, times, knit)
 

@@ -54,6 +54,7 @@ def find_knit_lines(
     fibre_direction: np.ndarray,
     platelet_normal: np.ndarray | None = None,
     deformation_gradient: np.ndarray | None = None,
+    volume: np.ndarray | None = None,
 ) -> KnitLine:
     """Find knit lines and measure what crosses them.
 
@@ -67,6 +68,8 @@ def find_knit_lines(
         p and r.
     deformation_gradient : ndarray, shape (n, 9) or (n, 3, 3), optional
         F. Without it the raw distance at the start decides, which takes large stretches for knit lines.
+    volume : ndarray, shape (n,), optional
+        Weights of the averages around; equal if left out.
     """
     from scipy.spatial import cKDTree
 
@@ -96,10 +99,15 @@ def find_knit_lines(
         return KnitLine(index, share, np.empty((0, 3)), empty, empty)
     across = _directions(now[index], foreign[index], present[index])
     around = tree.query_ball_point(positions[index], REACH_SPACINGS * spacing)
-    crossing = np.array([np.mean((fibre_direction[a] @ c) ** 2) for a, c in zip(around, across, strict=True)])
-    normal = np.full(len(index), np.nan)
+    weights = np.ones(n) if volume is None else volume
+
+    def share_across(directions: np.ndarray) -> np.ndarray:
+        pairs = zip(around, across, strict=True)
+        return np.array([np.average((directions[a] @ c) ** 2, weights=weights[a]) for a, c in pairs])
+
+    crossing, normal = share_across(fibre_direction), np.full(len(index), np.nan)
     if platelet_normal is not None:
-        normal = np.array([np.mean((platelet_normal[a] @ c) ** 2) for a, c in zip(around, across, strict=True)])
+        normal = share_across(platelet_normal)
     return KnitLine(index, share, across, crossing, normal)
 
 

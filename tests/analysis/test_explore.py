@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from ppmc.analysis import views
+from ppmc.analysis import stage, views
 from ppmc.analysis.disk import disk_tensors
 from ppmc.analysis.explore import disk_figure, fourth_frame, read_samples, region_frame, view_figure
 from ppmc.analysis.regions import box, everything
-from ppmc.errors import SceneError
+from ppmc.errors import InputFileError, SceneError
 from ppmc.orientation.tensor_ode import TensorModel
+from ppmc.scene import parse_scene
 from tests.analysis.conftest import Chain, blank_pictures
 
 
@@ -54,3 +57,9 @@ def test_frames_of_both_orders_agree(chain: Chain) -> None:
     assert second.region.tolist() == ["whole", "half"]
     assert np.allclose(fourth.A1111 + fourth.A1122 + fourth.A1133, second.A11)
     assert np.allclose(fourth.N1133 + fourth.N2233 + fourth.N3333, second.N33)
+
+
+def test_a_file_without_directions_is_refused(chain: Chain, tmp_path: Path) -> None:
+    stage.run(parse_scene("name: a\nanalysis: {views: []}"), input=chain.charge, output=tmp_path / "analysis.vtkhdf")
+    with pytest.raises(InputFileError, match="holds 'analysis'"):
+        read_samples(tmp_path / "analysis.vtkhdf")

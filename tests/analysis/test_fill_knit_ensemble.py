@@ -70,12 +70,16 @@ def test_knit_line_is_where_two_fronts_met(stretch: float) -> None:
     rng = np.random.default_rng(0)
     p = np.column_stack([np.cos(a := rng.uniform(0, np.pi, len(now))), 0 * a, np.sin(a)])
     r = np.tile([0.0, 1.0, 0.0], (len(now), 1))
+    side = now[:, 1] > 0
     knit = find_knit_lines(now, start, 1.0, p, r, F)
     assert set(np.flatnonzero(np.abs(now[:, 1]) < 1)) <= set(knit.index)
     assert np.abs(now[knit.index, 1]).max() < 2.1
     near = np.abs(now[knit.index, 1]) < 1
     assert np.abs(knit.across[near, 1]).min() > 0.75
     assert np.median(knit.crossing[near]) < 0.06 and np.median(knit.normal_across[near]) > 0.9
+    # Where only the particles that lie across have volume, all that is there crosses.
+    heavy = find_knit_lines(now, start, 1.0, np.where(side[:, None], r, p), r, F, np.where(side, 1.0, 1e-9))
+    assert np.median(heavy.crossing[np.abs(now[heavy.index, 1]) < 1]) > 0.75
 
 
 def test_affine_flow_has_no_knit_line_however_stretched() -> None:
