@@ -10,7 +10,6 @@ import numpy as np
 
 from ppmc.analysis.mapping import abaqus_distribution
 from ppmc.analysis.structural import MappedMesh
-from ppmc.errors import InputFileError
 from ppmc.files import whole_file
 
 # meshio's own table names rare variants, such as plane strain for quad.
@@ -34,12 +33,10 @@ def write_mapped(mapped: MappedMesh, folder: Path, name: str, formats: Sequence[
     formats : sequence of str
         ``vtu``: ``<name>.vtu`` with all element data. ``gmsh``: ``<name>.msh`` likewise. ``abaqus``:
         ``<name>_axes.inp``, element axes under the mesh's own element numbers, to include in an input file; with
-        ``<name>.inp``, nodes and elements, where the mesh did not come from one.
+        ``<name>.inp``, nodes and elements, where the mesh did not come from one and Abaqus has its element types.
 
     Raises
     ------
-    InputFileError
-        If a format has no element type for the mesh.
     StorageError
         If a file cannot be written.
     """
@@ -59,25 +56,17 @@ def write_mapped(mapped: MappedMesh, folder: Path, name: str, formats: Sequence[
             meshio.write(temporary, solid, file_format="gmsh22", binary=True)
     if "abaqus" in formats:
         _write(folder / f"{name}_axes.inp", abaqus_distribution(mapped.elements, mesh.numbers))
-        if not mesh.is_abaqus:
+        if not mesh.is_abaqus and all(kind in ABAQUS_TYPES for kind, _ in mesh.blocks):
             _write(folder / f"{name}.inp", abaqus_mesh(mapped, f"{name}_axes.inp"))
 
 
 def abaqus_mesh(mapped: MappedMesh, axes_file: str) -> str:
-    """Return an Abaqus input with nodes, elements, one element set and the element axes.
-
-    Raises
-    ------
-    InputFileError
-        If Abaqus has no element of some type.
-    """
+    """Return an Abaqus input with nodes, elements of `ABAQUS_TYPES`, one element set and the element axes."""
     mesh = mapped.mesh
     lines = ["*HEADING", "Mesh with element axes by ppmc; lengths in mm", "*NODE"]
     lines += [f"{k}, " + ", ".join(f"{v:.9g}" for v in x) for k, x in enumerate(mesh.points, start=1)]
     at = 0
     for kind, cells in mesh.blocks:
-        if kind not in ABAQUS_TYPES:
-            raise InputFileError(f"{mesh.path}: Abaqus has no element for '{kind}'; leave abaqus out of the formats")
         lines.append(f"*ELEMENT, TYPE={ABAQUS_TYPES[kind]}, ELSET=PPMC")
         for number, row in zip(mesh.numbers[at : at + len(cells)], cells + 1, strict=True):
             words = [str(number), *(str(node) for node in row)]

@@ -110,3 +110,12 @@ def test_every_format_comes_back(ending: str, tmp_path: Path) -> None:
         assert np.concatenate(back.cell_data["particle_count"]).sum() == 3000
     else:
         assert "*ELEMENT, TYPE=C3D8, ELSET=PPMC" in (tmp_path / "mapped.inp").read_text()
+
+
+def test_elements_that_abaqus_lacks_do_not_stop_the_rest(tmp_path: Path) -> None:
+    points = np.random.default_rng(0).uniform(0, 4, (27, 3))
+    meshio.write(tmp_path / "part.vtu", meshio.Mesh(points, [("hexahedron27", np.arange(27)[None])]))
+    mesh = read_mesh(tmp_path / "part.vtu")
+    mapped = MappedMesh(mesh, map_to_elements(mesh.centres, [cloud()]), False, None)
+    write_mapped(mapped, tmp_path, "mapped", ("vtu", "abaqus"))
+    assert {p.name for p in tmp_path.iterdir()} == {"part.vtu", "mapped.vtu", "mapped_axes.inp"}
