@@ -42,16 +42,19 @@ class SolverSection(Section):
 
     smoothing_ratio: float = Field(default=1.3, ge=1.0, le=2.0)
     """Smoothing length over particle spacing; the support is twice the smoothing length."""
-    kernel_shape: Literal["sphere", "affine"] = "sphere"
-    """`affine` lets the support follow the deformation, which large homogeneous stretches need."""
+    kernel_shape: Literal["sphere", "affine"] = "affine"
+    """`affine` lets the support follow the local lattice, which large stretches need; `sphere` saves a little time."""
     kernel_aspect_limit: float = Field(default=4.0, ge=1)
     """Largest ratio of the axes of an affine support."""
     zero_energy: ZeroEnergyControl = Field(default_factory=ZeroEnergyControl)
     """Control of particle-to-particle modes."""
 
+    volume_correction: float = Field(default=12.0, ge=0)
+    """Rate, for a unit of strain, at which the pressure's volume ratio follows the packing; 0 turns it off."""
+
     bulk_modulus: PositivePressure | None = Field(default=None, examples=["1.31 GPa"])
     """K that keeps the volume, Pa; `bulk_ratio` decides if left out."""
-    bulk_ratio: float = Field(default=300.0, gt=0)
+    bulk_ratio: float = Field(default=1000.0, gt=0)
     """K over ((R + 2) eta23 x closing strain rate), the stress of a planar random squeeze."""
     reynolds_number: float = Field(default=0.0, ge=0, le=0.1)
     """Reynolds number of scaled inertia, rho v h / ((R + 2) eta23); 0 leaves inertia out (implicit integrator only)."""
@@ -62,6 +65,8 @@ class SolverSection(Section):
 
     velocity_tolerance: float = Field(default=5e-4, gt=0, lt=0.1)
     """Estimated relative error of the velocity at which an implicit solve stops."""
+    power_tolerance: float = Field(default=1e-2, gt=0)
+    """Estimated relative error of the dissipation at which an implicit solve stops: that of the tools' forces."""
     max_iterations: int = Field(default=4000, gt=0)
     """Iterations after which an implicit solve gives up and says so."""
     coarse_level: bool = True

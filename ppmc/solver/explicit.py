@@ -23,22 +23,23 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ppmc.compile_cache import njit, prange
-from ppmc.geometry.packed import NAVIER
 from ppmc.solver import materials, single_direction
 from ppmc.solver.block_jacobi import multiply_blocks
-from ppmc.solver.contact import Contacts
+from ppmc.solver.contact import Contacts, between_wall_layers
 from ppmc.solver.gradient import moments_and_gradient, velocity_gradient
-from ppmc.solver.implicit import RATE_MEMORY, ImplicitIntegrator, StepReport, material_power
-from ppmc.solver.kernel_shape import convect_shape
+from ppmc.solver.implicit import ImplicitIntegrator, StepReport, material_power
+from ppmc.solver.kernel_shape import rearrangement_rate
 from ppmc.solver.neighbours import Pairs
 from ppmc.solver.operator import Operator, assemble
 from ppmc.solver.reductions import dot
+from ppmc.solver.tools import RATE_MEMORY
 from ppmc.solver.transport import convect_deformation, convect_directions, increment_to_here, jeffery_increment
 
 SAFETY = 0.8
 POWER_ITERATIONS = 20
 CONTACT_EVERY = 10  # steps between searches for faces; gaps are advanced linearly in between
 LIMITS_EVERY = 200  # steps between estimates of the stable step
+TOUCHING = 0.01  # gap after one step, in half-widths, up to which it is the flattening of that step
 MOST_STEPS = 200  # explicit steps in one reported step
 
 
@@ -62,12 +63,18 @@ class NearTools:
     contacts : Contacts
         Their faces.
     friction : ndarray, shape (m, 3)
-        Navier friction of each face, Pa s/mm.
+        Drag of each face, Pa s/mm.
+    area : ndarray, shape (m, 3)
+        Area with which the particle touches each face, mm^2.
+    flattening : ndarray, shape (m, 3)
+        What a touching particle's half-width loses in a step, mm.
     """
 
     rows: np.ndarray
     contacts: Contacts
     friction: np.ndarray
+    area: np.ndarray
+    flattening: np.ndarray
 
 
 class ExplicitIntegrator(ImplicitIntegrator):
@@ -75,10 +82,12 @@ class ExplicitIntegrator(ImplicitIntegrator):
 
     limits: Limits | None = None
     present: Operator | None = None
+    passed: np.ndarray | None = None
 
     def initialise(self, time: float, time_step: float) -> StepReport:
         """Start from rest."""
         self.refresh_neighbours(force=True)
+        self.set_reference(time)
         self._assemble(self.weigh(self.state.position), time)
         self.limits = self._estimate_limits()
         self.present = None
@@ -96,9 +105,9 @@ class ExplicitIntegrator(ImplicitIntegrator):
         """Advance the state from `time` by `time_step` (s), in steps that are stable."""
         report = StepReport()
         forced = self.model.walls.forced
-        report.tool_force = np.zeros((len(self.model.walls.tools), 3))
         elapsed, ahead = 0.0, True
         while ahead:
+            self._follow_flow(time + elapsed, self.limits.used if self.limits else 0.0)
             self.refresh_neighbours()
             self._assemble(self.weigh(self.state.position), time + elapsed)
             self.limits = self._estimate_limits()
@@ -118,9 +127,11 @@ class ExplicitIntegrator(ImplicitIntegrator):
                 elapsed += dt
                 self._move(time + elapsed, dt, refresh=done)
             report.iterations += steps
+            self._follow_flow(time + elapsed, dt)
             self.present = None
         report.time_step = time_step / report.iterations
         report.tool_force /= report.iterations
+        report.tool_moment /= report.iterations
         forced.adjust(report.tool_force)
         return report
 
@@ -134,9 +145,11 @@ class ExplicitIntegrator(ImplicitIntegrator):
         # Pressure is a given stress here; its zero-energy modes are held with the stiffness of a planar random squeeze.
         stiffness = (model.material.ratio + 2.0) * viscosity.shear
         control = model.settings.zero_energy
+        share = between_wall_layers(state.wall_layers)
         operator = assemble(
-            pairs, state.position, state.volume, viscosity.shear, stiffness, viscosity.fibre,
-            viscosity.directions, control.isotropic, control.volumetric, control.fibre,
+            pairs, state.position, state.volume, viscosity.shear * share, stiffness * share,
+            viscosity.fibre * share[:, None], viscosity.directions,
+            control.isotropic, control.volumetric, control.fibre,
         )  # fmt: skip
         operator.bulk = np.zeros(len(state))
         self.present = operator
@@ -157,35 +170,33 @@ class ExplicitIntegrator(ImplicitIntegrator):
     def _near_tools(self, time: float, dt: float) -> NearTools:
         walls = self.model.walls
         contacts = walls.contacts(self.state, time, dt, 1.5 * float(walls.spacing.max()))
+        self.state.wall_layers = contacts.layers()
         rows = np.flatnonzero((contacts.tool >= 0).any(axis=1))
         here = Contacts(**{f.name: getattr(contacts, f.name)[rows] for f in fields(Contacts)})
-        return NearTools(rows, here, walls.friction(here))
+        state, shear = self.state, np.full(len(rows), self.model.material.shear)
+        areas = here.areas((state.volume * state.volume_ratio)[rows])
+        flattening = np.where(here.gap < TOUCHING * here.half_width, np.maximum(here.gap, 0.0), 0.0)
+        return NearTools(rows, here, walls.friction(here, shear), areas, flattening)
 
     def _push(self, near: NearTools, dt: float, report: StepReport) -> None:
         """Advance the velocities by the forces of the charge and of the tools."""
         state, model, contacts, rows = self.state, self.model, near.contacts, near.rows
         assert self.present is not None
-        pressure_stress = model.bulk_modulus * (state.volume_ratio - 1.0)
+        pressure_stress = model.bulk_modulus * (state.pressure_ratio - 1.0) * between_wall_layers(state.wall_layers)
         opposing = _opposing_force(self.present, state.velocity, pressure_stress)
         velocities = np.empty_like(opposing)
         _kick(state.velocity, opposing, state.volume, dt / model.density, velocities)
         here, per_mass = velocities[rows], (-dt / (model.density * state.volume[rows]))[:, None]
-        if NAVIER in model.walls.tools.arrays.wall:
-            here += per_mass * _drag(near, state.velocity[rows], (state.volume * state.volume_ratio)[rows])
+        friction = _drag(near, state.velocity[rows])
+        here += per_mass * friction.sum(axis=1)
         contacts.active = np.zeros_like(contacts.active)
         contacts.active = contacts.violations(here, dt) > 0.0
         free, held = contacts.constrain(dt)
         moved = multiply_blocks(free, here) + held
         _, forces = contacts.reactions((here - moved) / per_mass)
-        # Velocities at the wall chatter; the layer moves with the tool, less its own flattening.
-        flattening = np.einsum("nab,nkb->nka", state.smooth_gradient[rows], contacts.normal)
-        layer = contacts.wall_velocity + contacts.half_width[..., None] * flattening
-        forces *= contacts.power_factor(forces, layer)
-        for k in range(contacts.tool.shape[1]):
-            on = contacts.active[:, k]
-            np.add.at(report.tool_force, contacts.tool[on, k], -forces[on, k])
+        self.add_tool_loads(contacts, forces - friction, state.position[rows], report)
         relative = moved[:, None, :] - contacts.wall_velocity
-        contacts.gap = contacts.gap + dt * np.einsum("nkc,nkc->nk", contacts.normal, relative)
+        contacts.gap = contacts.gap + dt * np.einsum("nkc,nkc->nk", contacts.normal, relative) + near.flattening
         velocities[rows] = moved
         state.velocity = velocities
 
@@ -216,20 +227,34 @@ class ExplicitIntegrator(ImplicitIntegrator):
         self.neighbours.spare, self.present = self.present.pairs, None
         state.position = state.position + dt * state.velocity
         if refresh:
+            self._follow_flow(time, dt)
             self.refresh_neighbours()
         pairs = self.weigh(state.position)
         there = moments_and_gradient(pairs, state.position, state.volume, state.velocity)
         increment, gradient = increment_to_here(there, dt)
         state.velocity_gradient = gradient
         _blend(state.smooth_gradient, gradient, RATE_MEMORY)
+        _blend(state.twice_smooth_gradient, state.smooth_gradient, RATE_MEMORY)
         convect_deformation(increment, state.deformation_gradient, state.volume_ratio)
         turn = increment if settings.shape_factor == 1.0 else jeffery_increment(gradient, dt, settings.shape_factor)
         convect_directions(turn, state.fibre_direction)
         if settings.transport_normals:
             convect_directions(increment, state.in_plane_direction)
-        if settings.kernel_shape == "affine":
-            state.kernel_shape = convect_shape(state.kernel_shape, increment, settings.kernel_aspect_limit)
+        self.passed = increment if self.passed is None else increment @ self.passed
         self._assemble(pairs, time)
+
+    def _follow_flow(self, time: float, dt: float) -> None:
+        """Carry lattice and volume balance over the steps since the last time; they change slowly."""
+        state = self.state
+        if self.passed is None:
+            return
+        moved = 0.5 * (self.passed + np.swapaxes(self.passed, -1, -2)) - np.eye(3)
+        strain = np.sqrt(np.einsum("nij,nij->n", moved, moved))
+        pairs = self.weigh(state.position)
+        loose = rearrangement_rate(pairs, state.position, state.volume, state.velocity, state.velocity_gradient)
+        self.follow(self.passed, CONTACT_EVERY * dt * loose, strain)
+        self.balance_volume(time, strain)
+        self.passed = None
 
 
 def _opposing_force(operator: Operator, velocities: np.ndarray, stress: np.ndarray) -> np.ndarray:
@@ -248,13 +273,12 @@ def _opposing_force(operator: Operator, velocities: np.ndarray, stress: np.ndarr
     return out
 
 
-def _drag(near: NearTools, velocities: np.ndarray, volumes: np.ndarray) -> np.ndarray:
-    """Drag of Navier walls on particles of given velocities (m, 3) and present volumes (m,); Pa mm^2."""
+def _drag(near: NearTools, velocities: np.ndarray) -> np.ndarray:
+    """Drag of each face on particles of given velocities (m, 3); shape (m, 3, 3), Pa mm^2."""
     contacts = near.contacts
-    area = volumes[:, None] / np.maximum(2.0 * contacts.half_width, 1e-12)
     slip = velocities[:, None, :] - contacts.wall_velocity
     slip -= np.einsum("nkc,nkc->nk", slip, contacts.normal)[..., None] * contacts.normal
-    return np.einsum("nk,nkc->nc", np.where(contacts.active, near.friction, 0.0) * area, slip)
+    return (np.where(contacts.active, near.friction, 0.0) * near.area)[..., None] * slip
 
 
 @njit(cache=True, parallel=True)

@@ -5,8 +5,6 @@ import numpy as np
 from ppmc.orientation import orthonormal_frame, shear_angle
 from ppmc.solver import materials
 from ppmc.solver.implicit import ImplicitIntegrator, Model
-from ppmc.solver.packing import packing
-from ppmc.solver.smoothing import SUPPORT
 from ppmc.solver.state import ParticleState
 from ppmc.solver.viscosity import viscous_stress
 
@@ -39,7 +37,7 @@ def frame(integrator: ImplicitIntegrator, time: float) -> tuple[np.ndarray, dict
         "volume_ratio": state.volume_ratio,
         "packing": measure_packing(integrator, time),
         "velocity": state.velocity,
-        "pressure": -model.bulk_modulus * (state.volume_ratio - 1.0),
+        "pressure": -model.bulk_modulus * (state.pressure_ratio - 1.0),
         "fibre_stress": np.einsum("na,nab,nb->n", state.fibre_direction, stress, state.fibre_direction),
         "strain_rate": np.sqrt(2.0 / 3.0 * np.einsum("nab,nab->n", deviator, deviator)),
     }
@@ -50,16 +48,8 @@ def frame(integrator: ImplicitIntegrator, time: float) -> tuple[np.ndarray, dict
 
 def measure_packing(integrator: ImplicitIntegrator, time: float) -> np.ndarray:
     """Packing of each particle, shape (n,), from positions, current volumes and walls."""
-    from ppmc.geometry.contacts import find_contacts
-
-    state, model = integrator.state, integrator.model
     integrator.refresh_neighbours()
-    tools = model.walls.tools
-    support = SUPPORT * model.smoothing_length
-    _, _, phi, _ = find_contacts(tools.arrays, model.walls.offsets(time), state.position, support)
-    return packing(
-        integrator.weigh(state.position), state.position, state.volume * state.volume_ratio, model.smoothing_length, phi
-    )
+    return integrator.packing(integrator.weigh(integrator.state.position), time)
 
 
 def _normal_fields(state: ParticleState) -> dict[str, np.ndarray]:

@@ -22,10 +22,11 @@ class History:
 
     def __init__(self, tools: tuple[str, ...], path: Path, rows: np.ndarray | None = None) -> None:
         forces = tuple(f"force_{tool}_{axis}" for tool in tools for axis in "xyz")
+        moments = tuple(f"moment_{tool}_{axis}" for tool in tools for axis in "xyz")
         self.columns = (
             "time", "step", "iterations", "passes", "estimated_error", "unconverged", "contacts", "penetration",
             "dissipation", "hourglass_share", "mean_volume_ratio_error", "max_volume_ratio_error", "press_force",
-            *forces,
+            *forces, *moments,
         )  # fmt: skip
         self.rows = [] if rows is None else rows.tolist()
         self.path = path
@@ -41,6 +42,7 @@ class History:
             time, report.time_step, report.iterations, report.passes, report.estimated_error, report.unconverged,
             report.contacts, report.penetration, report.dissipation, report.zero_energy_share, float(error.mean()),
             float(error.max()), press_force, *report.tool_force.ravel().tolist(),
+            *report.tool_moment.ravel().tolist(),
         ]  # fmt: skip
         self.rows.append([float(value) for value in row])
         with self.path.open("a", newline="") as handle:

@@ -18,23 +18,21 @@ from ppmc.solver import materials
 from ppmc.solver.block_jacobi import restricted_inverse
 from ppmc.solver.coarse_grid import CELL, CoarseGrid, make_grid
 from ppmc.solver.conjugate_gradient import Solution, conjugate_gradient
-from ppmc.solver.contact import Contacts
+from ppmc.solver.contact import Contacts, between_wall_layers
 from ppmc.solver.gradient import moment_inverses, velocity_gradient
-from ppmc.solver.kernel_shape import convect_shape, inverse_shape
+from ppmc.solver.kernel_shape import follow_lattice, inverse_shape, limited, rearrangement_rate
 from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, cell_order, list_is_stale, weigh_pairs
 from ppmc.solver.operator import Operator, assemble
 from ppmc.solver.rigid_modes import free_rigid_modes
 from ppmc.solver.smoothing import SUPPORT
 from ppmc.solver.state import ParticleState
 from ppmc.solver.system import VelocitySystem
-from ppmc.solver.tools import Walls
+from ppmc.solver.tools import RATE_MEMORY, Walls
 from ppmc.solver.transport import convect_deformation, convect_directions, jeffery_increment
+from ppmc.solver.volume_balance import correct_volume, measured_packing, reference_packing
 
 SKIN = 0.1  # of the support radius
 RELEASE = 1e-3  # pull, in mean pressing reactions, that releases a contact
-# Share of the newest velocity gradient in the one that predicts half-widths. With all of it, four layers in a
-# closing gap make the rate alternate from step to step for ever, and three make it grow; with a fifth, three damp it.
-RATE_MEMORY = 0.2
 TOUCH = 1e-6  # gap, in spacings, at which a face counts as touched
 
 
@@ -52,6 +50,7 @@ class StepReport:
     dissipation: float = 0.0
     zero_energy_share: float = 0.0
     tool_force: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    tool_moment: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 @dataclass
@@ -93,14 +92,18 @@ class ImplicitIntegrator:
         self.neighbours: NeighbourList | None = None
         self.list_shape = np.empty((0, 6))
 
+    @property
+    def affine(self) -> bool:
+        """Whether the kernel follows the lattice."""
+        return bool(self.model.settings.kernel_shape == "affine")
+
     def refresh_neighbours(self, force: bool = False) -> None:
         """Sort the particles and list neighbours anew if the list is stale."""
         state, h = self.state, self.model.smoothing_length
-        affine = self.model.settings.kernel_shape == "affine"
         if (
             self.neighbours is not None
             and not force
-            and not affine
+            and not self.affine
             and not list_is_stale(self.neighbours, state.position)
         ):
             return
@@ -113,19 +116,20 @@ class ImplicitIntegrator:
         """List neighbours at given positions (those of the last rebuild, when a run is resumed)."""
         support = SUPPORT * self.model.smoothing_length
         metric, longest = None, 1.0
-        if self.model.settings.kernel_shape == "affine":
+        if self.affine:
             metric, longest = inverse_shape(self.list_shape)
         self.neighbours = build_list(positions, support * (1.0 + SKIN), 0.5 * support * SKIN, metric, longest)
 
     def weigh(self, positions: np.ndarray) -> Pairs:
         """Weighted pairs at positions near the current ones."""
         assert self.neighbours is not None
-        metric = inverse_shape(self.state.kernel_shape)[0] if self.model.settings.kernel_shape == "affine" else None
+        metric = inverse_shape(self.state.kernel_shape)[0] if self.affine else None
         return weigh_pairs(self.neighbours, positions, self.model.smoothing_length, metric)
 
     def initialise(self, time: float, time_step: float) -> StepReport:
         """Find the velocities at the start (inertia-free only), so that the first step can predict."""
         self.refresh_neighbours(force=True)
+        self.set_reference(time)
         if self.model.density > 0.0:
             self._solve(time, time_step, update=False)
             return StepReport()
@@ -154,15 +158,16 @@ class ImplicitIntegrator:
                 convect_directions(np.eye(3) + ahead * state.velocity_gradient, turned)
                 viscosity.directions[:, k] = turned
         control = model.settings.zero_energy
+        share = between_wall_layers(state.wall_layers)
         return assemble(
-            self.weigh(positions), positions, state.volume, viscosity.shear,
-            model.bulk_modulus * state.volume_ratio * time_step,
-            viscosity.fibre, viscosity.directions, control.isotropic, control.volumetric, control.fibre,
+            self.weigh(positions), positions, state.volume, viscosity.shear * share,
+            model.bulk_modulus * state.volume_ratio * time_step * share,
+            viscosity.fibre * share[:, None], viscosity.directions,
+            control.isotropic, control.volumetric, control.fibre,
         )  # fmt: skip
 
     def _solve(self, time: float, dt: float, update: bool) -> StepReport:
         state, model = self.state, self.model
-        operator = self.operator(0.5 * dt if update else 0.0, time, dt)
         speed = np.linalg.norm(model.walls.offsets(time + dt) - model.walls.offsets(time), axis=1).max(initial=0.0)
         pushed = model.walls.forced.velocities(dt)
         speed = max(speed, dt * np.linalg.norm(pushed, axis=1).max(initial=0.0))
@@ -170,6 +175,8 @@ class ImplicitIntegrator:
         contacts = model.walls.contacts(state, time, dt, reach)
         contacts.active |= contacts.gap <= TOUCH * model.spacing
         contacts.active |= contacts.violations(state.velocity, dt) > TOUCH * model.spacing
+        state.wall_layers = contacts.layers()
+        operator = self.operator(0.5 * dt if update else 0.0, time, dt)
         report = StepReport(time_step=dt)
         solution = self._active_set(operator, contacts, dt, report)
         self._account(operator, contacts, solution, dt, report)
@@ -178,23 +185,26 @@ class ImplicitIntegrator:
         if update:
             model.walls.forced.advance(pushed, dt)
             self._advance(solution.velocities, dt)
+            self.balance_volume(time + dt, dt * strain_rate(state.velocity_gradient))
         else:
-            gradient = self._gradient_at_start(solution.velocities)
+            gradient, _ = self._gradient_at_start(solution.velocities)
             if model.density == 0.0:
                 state.velocity, state.velocity_gradient = solution.velocities, gradient
-                state.smooth_gradient = gradient.copy()
+                state.smooth_gradient, state.twice_smooth_gradient = gradient.copy(), gradient.copy()
         return report
 
     def _active_set(self, operator: Operator, contacts: Contacts, dt: float, report: StepReport) -> Solution:
         state, model = self.state, self.model
         mass = (model.density / dt) * state.volume[:, None]
-        pressure = model.bulk_modulus * state.volume * (state.volume_ratio - 1.0)
+        pressure = model.bulk_modulus * state.volume * (state.pressure_ratio - 1.0)
+        pressure *= between_wall_layers(state.wall_layers)
         load = mass * state.velocity - operator.stress_force(pressure[:, None, None] * np.eye(3))
         blocks = operator.diagonal() + mass[:, :, None] * np.eye(3)
         velocities = state.velocity
         last = model.settings.contact_passes - 1
         for attempt in range(last + 1):
-            drag, drag_load = self._friction(contacts)
+            faces = self._friction(contacts, operator)
+            drag, drag_load = faces.sum(axis=1), np.einsum("nkab,nkb->na", faces, contacts.wall_velocity)
             free, held = contacts.constrain(dt)
             system = VelocitySystem(operator, mass, drag, free, restricted_inverse(blocks + drag, free))
             system.coarse = self._coarse_grid(system, blocks)
@@ -204,7 +214,7 @@ class ImplicitIntegrator:
             solution = conjugate_gradient(
                 system.apply, system.project, system.precondition, load + drag_load,
                 system.project(velocities) + held, tolerance=model.settings.velocity_tolerance,
-                max_iterations=model.settings.max_iterations,
+                max_iterations=model.settings.max_iterations, power_tolerance=model.settings.power_tolerance,
             )  # fmt: skip
             velocities = solution.velocities
             report.iterations += solution.iterations
@@ -234,19 +244,18 @@ class ImplicitIntegrator:
         grid.stiffen(operator.volumes, operator.shear, operator.bulk, operator.fibre, operator.directions, point)
         return grid
 
-    def _friction(self, contacts: Contacts) -> tuple[np.ndarray, np.ndarray]:
-        """Drag of Navier walls: blocks (n, 3, 3), Pa s mm, and the load (n, 3) of their motion."""
+    def _friction(self, contacts: Contacts, operator: Operator) -> np.ndarray:
+        """Drag of Navier and no-slip walls at each face, shape (n, 3, 3, 3), Pa s mm."""
         state = self.state
-        factor = np.where(contacts.active, self.model.walls.friction(contacts), 0.0)
-        area = (state.volume * state.volume_ratio)[:, None] / np.maximum(2.0 * contacts.half_width, 1e-12)
+        shear = operator.shear / between_wall_layers(state.wall_layers)
+        factor = np.where(contacts.active, self.model.walls.friction(contacts, shear), 0.0)
+        area = contacts.areas(state.volume * state.volume_ratio)
         tangent = np.eye(3) - contacts.normal[..., :, None] * contacts.normal[..., None, :]
-        blocks = (factor * area)[..., None, None] * tangent
-        return blocks.sum(axis=1), np.einsum("nkab,nkb->na", blocks, contacts.wall_velocity)
+        return (factor * area)[..., None, None] * tangent
 
     def _account(
         self, operator: Operator, contacts: Contacts, solution: Solution, dt: float, report: StepReport
     ) -> None:
-        model = self.model
         v = solution.velocities
         if not np.all(np.isfinite(v)):
             raise NumericalError(
@@ -260,19 +269,34 @@ class ImplicitIntegrator:
         report.dissipation = total
         report.zero_energy_share = max(0.0, 1.0 - physical / total) if total > 0.0 else 0.0
         _, forces = contacts.reactions(-solution.residual)
-        forces *= contacts.power_factor(forces, v)
-        report.tool_force = np.zeros((len(model.walls.tools), 3))
-        for k in range(contacts.tool.shape[1]):
-            on = contacts.active[:, k]
-            np.add.at(report.tool_force, contacts.tool[on, k], -forces[on, k])
+        slide = v[:, None, :] - contacts.wall_velocity
+        forces -= np.einsum("nkab,nkb->nka", self._friction(contacts, operator), slide)
+        self.add_tool_loads(contacts, forces, operator.positions, report)
         report.contacts = int(contacts.active.any(axis=1).sum())
         report.penetration = float(contacts.violations(v, dt).max(initial=0.0))
 
-    def _gradient_at_start(self, velocities: np.ndarray) -> np.ndarray:
+    def add_tool_loads(self, contacts: Contacts, forces: np.ndarray, positions: np.ndarray, report: StepReport) -> None:
+        """Add what the particles exert on the tools, given the forces of the faces on them (n, 3, 3), to a report."""
+        if len(report.tool_force) == 0:
+            report.tool_force = np.zeros((len(self.model.walls.tools), 3))
+            report.tool_moment = np.zeros((len(self.model.walls.tools), 3))
+        layers = contacts.layers()
+        for k in range(contacts.tool.shape[1]):
+            on = contacts.active[:, k]
+            # A particle in several wall layers resists with a part of its cell only; each tool bears the whole.
+            whole = 1.0 / between_wall_layers(np.maximum(layers[on] - 1, 0))
+            tool, force = contacts.tool[on, k], -whole[:, None] * forces[on, k]
+            at = positions[on] - contacts.half_width[on, k, None] * contacts.normal[on, k]
+            np.add.at(report.tool_force, tool, force)
+            np.add.at(report.tool_moment, tool, np.cross(at, force))
+
+    def _gradient_at_start(self, velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Velocity gradient (n, 3, 3) where the step began, and the rate of rearrangement (n,), 1/s."""
         state = self.state
         pairs = self.weigh(state.position)
         inverse, _, _ = moment_inverses(pairs, state.position, state.volume)
-        return velocity_gradient(pairs, state.position, state.volume, inverse, velocities)
+        gradient = velocity_gradient(pairs, state.position, state.volume, inverse, velocities)
+        return gradient, rearrangement_rate(pairs, state.position, state.volume, velocities, gradient)
 
     def _remember(self, contacts: Contacts) -> None:
         # What touches now touches in the next solve, unless that finds otherwise; a solve that starts from no contact
@@ -282,18 +306,58 @@ class ImplicitIntegrator:
 
     def _advance(self, velocities: np.ndarray, dt: float) -> None:
         state, settings = self.state, self.model.settings
-        gradient = self._gradient_at_start(velocities)
+        gradient, loose = self._gradient_at_start(velocities)
         increment = np.eye(3) + dt * gradient
         state.position = state.position + dt * velocities
         state.velocity, state.velocity_gradient = velocities, gradient
-        state.smooth_gradient = (1.0 - RATE_MEMORY) * state.smooth_gradient + RATE_MEMORY * gradient
+        keep = 1.0 - RATE_MEMORY
+        state.smooth_gradient = keep * state.smooth_gradient + RATE_MEMORY * gradient
+        state.twice_smooth_gradient = keep * state.twice_smooth_gradient + RATE_MEMORY * state.smooth_gradient
         convect_deformation(increment, state.deformation_gradient, state.volume_ratio)
         turn = increment if settings.shape_factor == 1.0 else jeffery_increment(gradient, dt, settings.shape_factor)
         convect_directions(turn, state.fibre_direction)
         if settings.transport_normals:
             convect_directions(increment, state.in_plane_direction)
-        if settings.kernel_shape == "affine":
-            state.kernel_shape = convect_shape(state.kernel_shape, increment, settings.kernel_aspect_limit)
+        self.follow(increment, dt * loose, dt * strain_rate(gradient))
+
+    def follow(self, increment: np.ndarray, rearrangement: np.ndarray, strain: np.ndarray) -> None:
+        """Carry lattice and kernel shapes over a step; arguments as in :func:`follow_lattice`."""
+        state = self.state
+        state.lattice_shape = follow_lattice(state.lattice_shape, increment, rearrangement, strain)
+        if self.affine:
+            state.kernel_shape = limited(state.lattice_shape, self.model.settings.kernel_aspect_limit)
+
+    def packing(self, pairs: Pairs, time: float) -> np.ndarray:
+        """Packing of each particle, shape (n,)."""
+        model = self.model
+        return measured_packing(
+            self.state, model.walls, time, pairs, inverse_shape(self.state.kernel_shape)[0], model.smoothing_length,
+            model.spacing,
+        )  # fmt: skip
+
+    def set_reference(self, time: float) -> None:
+        """Take the packing at the start as the one to keep."""
+        if self.model.settings.volume_correction > 0.0:
+            pairs, h = self.weigh(self.state.position), self.model.smoothing_length
+            self.state.packing_reference = reference_packing(pairs, self.packing(pairs, time), h)
+
+    def balance_volume(self, time: float, strain: np.ndarray) -> None:
+        """Correct the pressure's volume ratio after a `strain` (n,) that ended at `time`."""
+        state, model = self.state, self.model
+        if model.settings.volume_correction == 0.0:
+            return
+        pairs = self.weigh(state.position)
+        limit = model.settings.kernel_aspect_limit if self.affine else 1.0
+        correct_volume(
+            state, pairs, self.packing(pairs, time), strain, model.settings.volume_correction,
+            model.smoothing_length, limit,
+        )  # fmt: skip
+
+
+def strain_rate(gradient: np.ndarray) -> np.ndarray:
+    """Norm of the rate of deformation, shape (n,), 1/s, of velocity gradients (n, 3, 3)."""
+    rate = 0.5 * (gradient + np.swapaxes(gradient, -1, -2))
+    return np.sqrt(np.einsum("nij,nij->n", rate, rate))
 
 
 def material_power(operator: Operator, rate: np.ndarray) -> np.ndarray:

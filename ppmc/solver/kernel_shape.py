@@ -1,12 +1,25 @@
-r"""Shape of the support under stretch.
+r"""Shape of the local lattice and of the kernel's support.
 
-Past a stretch of about two a fixed sphere loses its neighbours in one direction and gains too many in another. A
-shape tensor C with metric :math:`C^{-1}` follows the deformation, :math:`C \leftarrow A C A^T` with unit determinant,
-and its axes are kept within a limited ratio. Only the weights change with it: moments, gradients and adjoint stay as
-they are.
+Particles start as a lattice and carry its shape along: a tensor C with metric :math:`C^{-1}` and unit determinant,
+:math:`C \leftarrow A C A^T` under an increment A. Where neighbours leave the motion that the gradient gives them, the
+lattice dissolves, and its shape fades towards the sphere at the rate of that rearrangement; a homogeneous flow keeps it
+exactly, so that contact widths and neighbourhoods stay right at any stretch.
+
+The kernel follows the lattice's shape with its axes kept within a limited ratio: past a stretch of two a sphere loses
+its neighbours in one direction and gains too many in another. Only the weights change with it.
 """
 
+# mypy: disable-error-code="no-untyped-def"
+
 import numpy as np
+
+from ppmc.compile_cache import njit, prange
+from ppmc.solver.neighbours import Pairs
+
+MOST_ASPECT = 50.0  # of a lattice's axes
+# Share of the strain rate, by which neighbours may leave the affine motion and still count as a lattice; and how many
+# times faster than that rate the logarithm of the shape fades beyond.
+LATTICE_NOISE, FADING = 0.2, 4.0
 
 
 def convect_shape(shape: np.ndarray, increment: np.ndarray, aspect_limit: float) -> np.ndarray:
@@ -25,17 +38,81 @@ def convect_shape(shape: np.ndarray, increment: np.ndarray, aspect_limit: float)
     -------
     ndarray, shape (n, 6)
     """
-    moved = increment @ full(shape) @ np.swapaxes(increment, -1, -2)
-    values, vectors = np.linalg.eigh(moved)
-    values = np.maximum(values, values[:, 2:] / aspect_limit**2)
+    return limited(six(increment @ full(shape) @ np.swapaxes(increment, -1, -2)), aspect_limit)
+
+
+def limited(shape: np.ndarray, aspect_limit: float, fade: np.ndarray | float = 0.0) -> np.ndarray:
+    """Shape tensors (n, 6) of unit determinant, their logarithms shrunk by `fade` (n,), no axis longer than
+    `aspect_limit` times another."""  # noqa: D205, D209
+    values, vectors = np.linalg.eigh(full(shape))
+    values = np.maximum(values, values[:, 2:] / aspect_limit**2) ** (1.0 - np.asarray(fade))[..., None]
     values /= np.cbrt(np.prod(values, axis=1))[:, None]
     return six(np.einsum("nab,nb,ncb->nac", vectors, values, vectors))
+
+
+def rearrangement_rate(
+    pairs: Pairs, positions: np.ndarray, volumes: np.ndarray, velocities: np.ndarray, gradient: np.ndarray
+) -> np.ndarray:
+    """Rate at which neighbours leave the motion that the velocity gradient gives them.
+
+    Parameters
+    ----------
+    pairs : Pairs
+    positions, velocities : ndarray, shape (n, 3)
+        mm, mm/s.
+    volumes : ndarray, shape (n,)
+        mm^3.
+    gradient : ndarray, shape (n, 3, 3)
+        Velocity gradients of these positions and velocities, 1/s.
+
+    Returns
+    -------
+    ndarray, shape (n,), 1/s
+    """
+    out = np.empty(len(positions))
+    _residual_rate(pairs.start, pairs.count, pairs.index, pairs.weight, positions, volumes, velocities, gradient, out)
+    return out
+
+
+def follow_lattice(
+    lattice: np.ndarray, increment: np.ndarray, rearrangement: np.ndarray, strain: np.ndarray
+) -> np.ndarray:
+    """Lattice shapes (n, 6) after a step.
+
+    Parameters
+    ----------
+    lattice : ndarray, shape (n, 6)
+    increment : ndarray, shape (n, 3, 3)
+        A.
+    rearrangement, strain : ndarray, shape (n,)
+        Rearrangement and strain rate times the step.
+    """
+    fade = 1.0 - np.exp(-FADING * np.maximum(rearrangement - LATTICE_NOISE * strain, 0.0))
+    return limited(six(increment @ full(lattice) @ np.swapaxes(increment, -1, -2)), MOST_ASPECT, fade)
+
+
+def lattice_of(spacing: np.ndarray) -> np.ndarray:
+    """Shape tensor (6,) of a box lattice with spacings (3,)."""
+    squared = np.asarray(spacing, dtype=np.float64) ** 2
+    return np.concatenate([squared / np.cbrt(np.prod(squared)), np.zeros(3)])
 
 
 def inverse_shape(shape: np.ndarray) -> tuple[np.ndarray, float]:
     """Inverse shape tensors, shape (n, 6), and the longest axis of all."""
     tensors = full(shape)
     return six(np.linalg.inv(tensors)), float(np.sqrt(np.linalg.eigvalsh(tensors)[:, 2].max()))
+
+
+def root_shape(shape: np.ndarray) -> np.ndarray:
+    """Symmetric square roots of shape tensors (n, 6), shape (n, 3, 3): they carry the unit sphere to the ellipsoid."""
+    values, vectors = np.linalg.eigh(full(shape))
+    return np.einsum("nab,nb,ncb->nac", vectors, np.sqrt(values), vectors)
+
+
+def aspect_ratio(shape: np.ndarray) -> np.ndarray:
+    """Ratio of the longest to the shortest axis, shape (n,)."""
+    values = np.linalg.eigvalsh(full(shape))
+    return np.sqrt(values[:, 2] / values[:, 0])
 
 
 def full(six_components: np.ndarray) -> np.ndarray:
@@ -47,3 +124,19 @@ def six(tensors: np.ndarray) -> np.ndarray:
     """Components XX, YY, ZZ, XY, YZ, XZ (n, 6) of symmetric tensors (n, 3, 3)."""
     flat = tensors.reshape(-1, 9)
     return np.ascontiguousarray(flat[:, [0, 4, 8, 1, 5, 2]])
+
+
+@njit(cache=True, parallel=True)
+def _residual_rate(start, count, index, weight, x, volume, v, gradient, out):
+    for i in prange(x.shape[0]):
+        left, scale = 0.0, 0.0
+        for slot in range(start[i], start[i] + count[i]):
+            j = index[slot]
+            a = volume[j] * weight[slot]
+            d0, d1, d2 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
+            for c in range(3):
+                e = v[j, c] - v[i, c]
+                e -= gradient[i, c, 0] * d0 + gradient[i, c, 1] * d1 + gradient[i, c, 2] * d2
+                left += a * e * e
+            scale += a * (d0 * d0 + d1 * d1 + d2 * d2)
+        out[i] = np.sqrt(left / scale) if scale > 0.0 else 0.0

@@ -1,8 +1,14 @@
-r"""Packing: the volume fraction that the particles fill around each of them, walls counted as filled.
+r"""Packing: the volume fraction that the particles fill around each of them, walls taken as mirrors.
 
-:math:`\sum_j V_j W_{ij}` plus the part of the kernel that lies behind each wall face. It is one in a well packed
-interior, above one where particles crowd, below one at free surfaces and voids. It is measured from positions alone,
-so that its drift from the transported J can be seen.
+:math:`\sum_j V_j W_{ij}` over neighbours and their mirror images behind walls, in units of its value in a perfect
+lattice. It is one in a well packed interior, above one where particles crowd, below one at free surfaces and voids. It
+is measured from positions alone, so that its drift from the transported J can be seen and mended
+(:mod:`ppmc.solver.volume_balance`).
+
+Two things would spoil it, and are avoided. At the particles themselves the sum is too large wherever they stand
+irregularly, by up to a fifth, for each sees itself; it is therefore sampled at the eight Gauss points of the particle's
+own cell. And the mean of two kernel metrics has a larger determinant than either, so that a pair would weigh too
+little; each particle's own metric is used.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -12,32 +18,18 @@ import functools
 import numpy as np
 
 from ppmc.compile_cache import njit, prange
+from ppmc.solver.kernel_shape import root_shape
 from ppmc.solver.neighbours import Pairs
-from ppmc.solver.smoothing import SUPPORT, kernel_value
+from ppmc.solver.smoothing import kernel_value, pair_weight
 
-
-@functools.cache
-def _behind_table() -> tuple[np.ndarray, np.ndarray]:
-    # Part of the kernel beyond a plane at distance d (in h), summed over spherical shells: of a shell of radius q
-    # the share (1 - d/q)/2 lies beyond the plane.
-    d = np.linspace(0.0, SUPPORT, 201)
-    q = np.linspace(0.0, SUPPORT, 4001)
-    profile = 21.0 / 16.0 * 4.0 * q**2 * (1.0 - q / 2.0) ** 4 * (1.0 + 2.0 * q)
-    share = np.where(q[None, :] > d[:, None], 0.5 * (1.0 - d[:, None] / np.maximum(q[None, :], 1e-12)), 0.0)
-    integrand = share * profile
-    return d, np.asarray(np.trapezoid(integrand, q, axis=1))
-
-
-def kernel_behind(distance: np.ndarray, smoothing_length: float) -> np.ndarray:
-    """Part of the kernel's integral behind a plane at `distance` (mm, may be negative) from the particle; 0 to 1."""
-    grid, table = _behind_table()
-    part = np.interp(np.abs(distance) / smoothing_length, grid, table, right=0.0)
-    return np.where(distance >= 0.0, part, 1.0 - part)
+GAUSS = 0.5 / np.sqrt(3.0)  # places in the cell, in spacings from its centre, at which the sum is sampled
+INTERIOR = 0.93  # packing above which a particle lies inside the material
 
 
 def packing(
-    pairs: Pairs, positions: np.ndarray, volumes: np.ndarray, smoothing_length: float, wall_distance: np.ndarray
-) -> np.ndarray:
+    pairs: Pairs, positions: np.ndarray, volumes: np.ndarray, shape: np.ndarray, inverse_shape: np.ndarray,
+    smoothing_length: float, spacing: float, wall_distance: np.ndarray, wall_normal: np.ndarray,
+) -> np.ndarray:  # fmt: skip
     """Packing of each particle, shape (n,).
 
     Parameters
@@ -47,25 +39,110 @@ def packing(
         mm.
     volumes : ndarray, shape (n,)
         Current volumes, mm^3.
-    smoothing_length : float
-        h, mm.
-    wall_distance : ndarray, shape (n, m)
-        Distance of wall faces, mm, infinite for none.
+    shape, inverse_shape : ndarray, shape (n, 6)
+        Kernel shapes and their inverse, see :mod:`ppmc.solver.kernel_shape`.
+    smoothing_length, spacing : float
+        mm.
+    wall_distance : ndarray, shape (n, 3)
+        Distance of the wall faces within the kernel's support, mm, infinite for none.
+    wall_normal : ndarray, shape (n, 3, 3)
+        Their unit normals, into the material.
     """
     out = np.empty(len(positions))
-    _kernel_sums(pairs.start, pairs.count, pairs.index, positions, volumes, smoothing_length, out)
-    walls = np.where(
-        np.isfinite(wall_distance), kernel_behind(np.nan_to_num(wall_distance, posinf=1e9), smoothing_length), 0.0
-    )
-    return out + walls.sum(axis=1)
+    _packing(
+        pairs.start, pairs.count, pairs.index, positions, volumes, inverse_shape, GAUSS * spacing * root_shape(shape),
+        smoothing_length, wall_distance, wall_normal, out,
+    )  # fmt: skip
+    return out / _lattice_packing(round(smoothing_length / spacing, 9))
+
+
+def interior_mean(pairs: Pairs, values: np.ndarray, interior: np.ndarray, smoothing_length: float) -> np.ndarray:
+    """Weighted mean of `values` (n,) over each particle and its neighbours, those in the `interior` (n,) only.
+
+    It is one where none counts.
+    """
+    out = np.empty(len(values))
+    own = pair_weight(0.0, smoothing_length)
+    _interior_mean(pairs.start, pairs.count, pairs.index, pairs.weight, values, interior, own, out)
+    return out
+
+
+@functools.cache
+def _lattice_packing(smoothing_ratio: float) -> float:
+    k = np.arange(-8, 9) - GAUSS
+    r2 = (k[:, None, None] ** 2 + k[None, :, None] ** 2 + k[None, None, :] ** 2).ravel()
+    return float(sum(kernel_value(float(r), smoothing_ratio) for r in r2))
 
 
 @njit(cache=True, parallel=True)
-def _kernel_sums(start, count, index, x, volume, h, out):
+def _packing(start, count, index, x, volume, metric, step, h, distance, normal, out):
     for i in prange(x.shape[0]):
-        total = volume[i] * kernel_value(0.0, h)
+        out[i] = _sum_at(
+            i, start[i], count[i], index, x, volume, metric[i], step[i], h, distance[i], normal[i]
+        )  # fmt: skip
+
+
+@njit(cache=True)
+def _images(distance, normal, images):
+    # The particles themselves, their images behind each face, and behind each pair of faces at nearly a right angle.
+    images[0, 0] = images[0, 1] = -1
+    m = 1
+    for k in range(distance.shape[0]):
+        if distance[k] < np.inf:
+            images[m, 0], images[m, 1] = k, -1
+            m += 1
+    single = m
+    for a in range(1, single):
+        for b in range(a + 1, single):
+            na, nb = normal[images[a, 0]], normal[images[b, 0]]
+            if abs(na[0] * nb[0] + na[1] * nb[1] + na[2] * nb[2]) < 0.3:
+                images[m, 0], images[m, 1] = images[a, 0], images[b, 0]
+                m += 1
+    return m
+
+
+@njit(cache=True)
+def _sum_at(i, begin, neighbours, index, x, volume, g, step, h, distance, normal):
+    images = np.empty((7, 2), np.int64)
+    m = _images(distance, normal, images)
+    total = 0.0
+    for image in range(m):
+        # The last turn stands for the particle itself.
+        for s in range(neighbours + 1):
+            j = np.int64(index[begin + s]) if s < neighbours else np.int64(i)
+            d0, d1, d2 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
+            for side in range(2):
+                k = images[image, side]
+                if k >= 0:
+                    n0, n1, n2 = normal[k, 0], normal[k, 1], normal[k, 2]
+                    height = 2.0 * max(max(distance[k], 0.0) + d0 * n0 + d1 * n1 + d2 * n2, 0.0)
+                    d0 -= height * n0
+                    d1 -= height * n1
+                    d2 -= height * n2
+            part = 0.0
+            for corner in range(8):
+                a = 1.0 if corner & 1 else -1.0
+                b = 1.0 if corner & 2 else -1.0
+                c = 1.0 if corner & 4 else -1.0
+                e0 = d0 + a * step[0, 0] + b * step[0, 1] + c * step[0, 2]
+                e1 = d1 + a * step[1, 0] + b * step[1, 1] + c * step[1, 2]
+                e2 = d2 + a * step[2, 0] + b * step[2, 1] + c * step[2, 2]
+                r2 = g[0] * e0 * e0 + g[1] * e1 * e1 + g[2] * e2 * e2
+                r2 += 2.0 * (g[3] * e0 * e1 + g[4] * e1 * e2 + g[5] * e0 * e2)
+                part += kernel_value(max(r2, 0.0), h)
+            total += 0.125 * volume[j] * part
+    return total
+
+
+@njit(cache=True, parallel=True)
+def _interior_mean(start, count, index, weight, values, interior, own, out):
+    for i in prange(values.shape[0]):
+        total, mass = 0.0, 0.0
+        if interior[i]:
+            total, mass = own * values[i], own
         for slot in range(start[i], start[i] + count[i]):
             j = index[slot]
-            d0, d1, d2 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
-            total += volume[j] * kernel_value(d0 * d0 + d1 * d1 + d2 * d2, h)
-        out[i] = total
+            if interior[j]:
+                total += weight[slot] * values[j]
+                mass += weight[slot]
+        out[i] = total / mass if mass > 0.0 else 1.0

@@ -9,6 +9,7 @@ from ppmc.files import ParticleFile
 from ppmc.geometry.toolset import ToolSet, compile_tools
 from ppmc.scene import Scene
 from ppmc.solver.implicit import Model
+from ppmc.solver.kernel_shape import lattice_of
 from ppmc.solver.state import ParticleState
 from ppmc.solver.tools import Walls
 
@@ -38,6 +39,7 @@ def prepare(scene: Scene, charge: ParticleFile) -> tuple[Model, ParticleState]:
     state = ParticleState.at_rest(
         charge.positions, charge.fields["volume"], charge.fields["fibre_direction"],
         charge.fields["in_plane_direction"], walls.starting_half_widths(charge.positions), charge.fields["platelet_id"],
+        lattice_of(spacing),
     )  # fmt: skip
     speed, thickness = closing_motion(tools, charge.positions, spacing, settings.end_time)
     rate = settings.strain_rate or (speed / thickness if speed > 0.0 else 1.0)

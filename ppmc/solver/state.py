@@ -24,7 +24,9 @@ class ParticleState:
     velocity_gradient : ndarray, shape (n, 3, 3)
         Velocity gradient of the last step, 1/s.
     smooth_gradient : ndarray, shape (n, 3, 3)
-        Running mean of the velocity gradient, 1/s; predicts half-widths at the end of the next step.
+        Running mean of the velocity gradient, 1/s.
+    twice_smooth_gradient : ndarray, shape (n, 3, 3)
+        Running mean of that mean; the two predict half-widths at the end of the next step.
     deformation_gradient : ndarray, shape (n, 3, 3)
         F since the start.
     volume_ratio : ndarray, shape (n,)
@@ -43,8 +45,14 @@ class ParticleState:
         Tools touched in the last step, -1 for none.
     contact_normal : ndarray, shape (n, 3, 3)
         Normals of the faces touched.
-    kernel_shape : ndarray, shape (n, 6)
-        Shape tensor C of the support, unit determinant.
+    wall_layers : ndarray, shape (n,)
+        Number of faces in whose wall layer the particle is.
+    lattice_shape, kernel_shape : ndarray, shape (n, 6)
+        Shape tensors C of the local lattice and of the kernel's support, unit determinant.
+    packing_reference : ndarray, shape (n,)
+        Packing of the charge at its start, to which it is held.
+    packing_correction : ndarray, shape (n,)
+        Factor on J in the pressure, see :mod:`ppmc.solver.volume_balance`.
     platelet_id : ndarray, shape (n,)
     original : ndarray, shape (n,)
         Number of the particle in the charge.
@@ -54,6 +62,7 @@ class ParticleState:
     velocity: np.ndarray
     velocity_gradient: np.ndarray
     smooth_gradient: np.ndarray
+    twice_smooth_gradient: np.ndarray
     deformation_gradient: np.ndarray
     volume_ratio: np.ndarray
     fibre_direction: np.ndarray
@@ -63,24 +72,30 @@ class ParticleState:
     half_width: np.ndarray
     contact_tool: np.ndarray
     contact_normal: np.ndarray
+    wall_layers: np.ndarray
+    lattice_shape: np.ndarray
     kernel_shape: np.ndarray
+    packing_reference: np.ndarray
+    packing_correction: np.ndarray
     platelet_id: np.ndarray
     original: np.ndarray
 
     @classmethod
     def at_rest(
         cls, position: np.ndarray, volume: np.ndarray, fibre_direction: np.ndarray, in_plane_direction: np.ndarray,
-        half_width: np.ndarray, platelet_id: np.ndarray | None = None,
+        half_width: np.ndarray, platelet_id: np.ndarray | None = None, lattice_shape: np.ndarray | None = None,
     ) -> ParticleState:  # fmt: skip
-        """Undeformed particles at rest; arguments are attributes of the class."""
+        """Undeformed particles at rest; arguments are attributes of the class, `lattice_shape` (6,) one for all."""
         n = len(position)
         identity = np.broadcast_to(np.eye(3), (n, 3, 3))
-        sphere = np.broadcast_to(np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]), (n, 6))
+        one = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) if lattice_shape is None else lattice_shape
+        lattice = np.broadcast_to(one, (n, 6))
         return cls(
             position=np.array(position, dtype=np.float64),
             velocity=np.zeros((n, 3)),
             velocity_gradient=np.zeros((n, 3, 3)),
             smooth_gradient=np.zeros((n, 3, 3)),
+            twice_smooth_gradient=np.zeros((n, 3, 3)),
             deformation_gradient=identity.copy(),
             volume_ratio=np.ones(n),
             fibre_direction=np.array(fibre_direction, dtype=np.float64),
@@ -90,12 +105,21 @@ class ParticleState:
             half_width=np.array(half_width, dtype=np.float64),
             contact_tool=np.full((n, 3), -1, dtype=np.int32),
             contact_normal=np.zeros((n, 3, 3)),
-            kernel_shape=sphere.copy(),
+            wall_layers=np.zeros(n, dtype=np.int64),
+            lattice_shape=lattice.copy(),
+            kernel_shape=lattice.copy(),
+            packing_reference=np.ones(n),
+            packing_correction=np.ones(n),
             platelet_id=np.full(n, -1, dtype=np.int64)
             if platelet_id is None
             else np.array(platelet_id, dtype=np.int64),
             original=np.arange(n),
         )
+
+    @property
+    def pressure_ratio(self) -> np.ndarray:
+        """Volume ratio that makes pressure: J, corrected by what the packing shows; shape (n,)."""
+        return self.volume_ratio * self.packing_correction
 
     def __len__(self) -> int:
         """Return the number of particles."""
@@ -103,10 +127,11 @@ class ParticleState:
 
     def reorder(self, order: np.ndarray) -> None:
         """Permute all arrays."""
+        n = len(self)
         for f in fields(self):
             values = np.ascontiguousarray(getattr(self, f.name))
-            sorted_values = np.empty_like(values)
-            _take_rows(values.reshape(len(order), -1), order, sorted_values.reshape(len(order), -1))
+            sorted_values = np.empty((len(order), *values.shape[1:]), values.dtype)
+            _take_rows(values.reshape(n, -1), order, sorted_values.reshape(len(order), -1))
             setattr(self, f.name, sorted_values)
 
     def arrays(self) -> dict[str, np.ndarray]:

@@ -7,10 +7,15 @@ import numpy as np
 from ppmc.geometry.contacts import find_contacts
 from ppmc.geometry.packed import NAVIER, NO_SLIP
 from ppmc.geometry.toolset import ToolSet
-from ppmc.solver.contact import FACES, Contacts, half_widths, starting_half_widths
+from ppmc.solver.contact import FACES, Contacts, half_widths, kept_half_widths, starting_half_widths
 from ppmc.solver.forced_tools import ForcedTools
+from ppmc.solver.kernel_shape import full, lattice_of, six
 from ppmc.solver.state import ParticleState
 
+# Share of the newest velocity gradient in the running means that predict half-widths: with all of it, few layers in a
+# closing gap make the rate alternate from step to step; with a tenth, the lag costs an order of accuracy.
+RATE_MEMORY = 0.3
+TREND = RATE_MEMORY / (1.0 - RATE_MEMORY)  # one step ahead of a linear trend, from a mean and the mean of means
 SAME_FACE = 0.94  # cosine above which two normals of a tool are one face
 
 
@@ -71,29 +76,43 @@ class Walls:
         _, tool, phi, normal = find_contacts(self.tools.arrays, before, state.position, reach)
         tool, phi, normal = tool[:, :FACES].astype(np.int32), phi[:, :FACES], np.ascontiguousarray(normal[:, :FACES])
         near = np.maximum(tool, 0)
-        gap, width = np.full(phi.shape, np.inf), np.zeros(phi.shape)
-        predicted = state.deformation_gradient + time_step * state.smooth_gradient @ state.deformation_gradient
-        rows = np.arange(len(state))
+        ahead = (2.0 + TREND) * state.smooth_gradient - (1.0 + TREND) * state.twice_smooth_gradient
+        increment = np.eye(3) + time_step * ahead
+        lattice = six(increment @ full(state.lattice_shape) @ np.swapaxes(increment, -1, -2))
+        start = lattice_of(self.spacing)
+        width, rows = np.zeros(phi.shape), np.arange(len(state))
         for k in range(FACES):
             on = tool[:, k] >= 0
-            reference = state.half_width[rows[on], near[on, k]]
-            width[on, k] = half_widths(reference, predicted[on], normal[on, k])
-            gap[on, k] = phi[on, k] - width[on, k]
+            reference = state.half_width[rows[on], near[on, k]] * np.cbrt(state.volume_ratio[on])
+            width[on, k] = half_widths(reference, lattice[on], start, normal[on, k])
+        touched = _still_touched(tool, normal, state)
+        growth = np.linalg.norm(np.einsum("nab,nka->nkb", increment, normal), axis=2)
+        rate = 0.5 * (ahead + np.swapaxes(ahead, -1, -2))
+        strain = time_step * np.sqrt(np.einsum("nab,nab->n", rate, rate))
+        keeps = (tool >= 0) & (touched | (phi < width))
+        width = np.where(keeps, kept_half_widths(width, phi, growth, strain), width)
         return Contacts(
             tool=tool,
             normal=normal,
             half_width=width,
-            gap=gap,
+            gap=np.where(tool >= 0, phi - width, np.inf),
             wall_velocity=np.ascontiguousarray(wall[near]),
-            sticks=(tool >= 0) & (self.tools.arrays.wall[near] == NO_SLIP),
-            active=_still_touched(tool, normal, state),
+            active=touched,
         )
 
-    def friction(self, contacts: Contacts) -> np.ndarray:
-        """Navier friction coefficient of each face, shape (n, 3), Pa s/mm."""
+    def friction(self, contacts: Contacts, shear: np.ndarray) -> np.ndarray:
+        """Drag of each face on the centres of its wall layer, per area and velocity, shape (n, 3), Pa s/mm.
+
+        The half-cell between the centre and the wall shears in series with the wall's own law, 1/(1/friction +
+        w/eta23); a no-slip wall is the limit of infinite friction, a slip wall has none.
+        """
         near = np.maximum(contacts.tool, 0)
         laws = self.tools.arrays
-        return np.where((contacts.tool >= 0) & (laws.wall[near] == NAVIER), laws.friction[near], 0.0)
+        friction = np.where(laws.wall[near] == NAVIER, laws.friction[near], 0.0)
+        slip_length = np.where(friction > 0.0, 1.0 / np.maximum(friction, 1e-300), np.inf)
+        slip_length[laws.wall[near] == NO_SLIP] = 0.0
+        layer = contacts.half_width / shear[:, None]
+        return np.where(contacts.tool >= 0, 1.0 / np.maximum(slip_length + layer, 1e-300), 0.0)
 
     def nearest_normals(self, positions: np.ndarray, time: float) -> np.ndarray:
         """Normal of the nearest tool at each particle, shape (n, 3)."""

@@ -6,10 +6,18 @@ import pytest
 from ppmc.errors import NumericalError
 from ppmc.solver.block_jacobi import restricted_inverse
 from ppmc.solver.conjugate_gradient import conjugate_gradient
-from ppmc.solver.contact import Contacts, half_widths, starting_half_widths
-from ppmc.solver.kernel_shape import convect_shape, full, inverse_shape
+from ppmc.solver.contact import Contacts, between_wall_layers, half_widths, kept_half_widths, starting_half_widths
+from ppmc.solver.kernel_shape import (
+    aspect_ratio,
+    convect_shape,
+    follow_lattice,
+    full,
+    inverse_shape,
+    lattice_of,
+    rearrangement_rate,
+)
 from ppmc.solver.neighbours import build_list, cell_order, list_is_stale, weigh_pairs
-from ppmc.solver.packing import kernel_behind, packing
+from ppmc.solver.packing import packing
 from ppmc.solver.reductions import dot
 from ppmc.solver.time_step import event_times, fit_to_times, proposed_step
 from ppmc.solver.transport import convect_deformation, convect_directions, jeffery_increment
@@ -76,16 +84,48 @@ def test_affine_support_keeps_the_neighbours_of_a_stretched_lattice():
     assert np.prod(axes) == pytest.approx(1.0)
 
 
-def test_packing_is_one_inside_and_against_walls():
-    x = lattice((8, 8, 8))
+@pytest.mark.parametrize("stretch", [(1.0, 1.0, 1.0), (1.0, 2.0, 0.5), (3.0, 1.0, 1.0 / 3.0)])
+def test_packing_is_one_inside_and_against_walls_whatever_the_stretch(stretch):
+    x = lattice((9, 9, 9)) * stretch
+    shape = np.tile(lattice_of(np.array(stretch)), (len(x), 1))
+    metric, longest = inverse_shape(shape)
+    pairs = weigh_pairs(build_list(x, 2.7, 0.05, metric, longest), x, 1.3, metric)
+    distance, normal = np.full((len(x), 3), np.inf), np.zeros((len(x), 3, 3))
+    distance[:, 0], normal[:, 0] = x[:, 2], [0.0, 0.0, 1.0]
+    distance[:, 1], normal[:, 1] = x[:, 0], [1.0, 0.0, 0.0]
+    found = packing(pairs, x, np.ones(len(x)), shape, metric, 1.3, 1.0, distance, normal).reshape(9, 9, 9)
+    # Up to the floor, the wall and their common edge; free faces lack the half that lies beyond them.
+    np.testing.assert_allclose(found[:5, 4, :5], 1.0, atol=1e-3)
+    assert found[4, 4, 8] < 0.85
+
+
+def test_packing_sees_crowding_whatever_the_disorder():
+    # Summed at the particles alone, disorder would count as crowding, up to 1.19: each sees itself.
+    rng = np.random.default_rng(0)
+    shape, inside = np.tile([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], (1728, 1)), np.s_[3:9, 3:9, 3:9]
+    for squeeze in (1.0, 0.95):
+        x = (lattice((12, 12, 12)) + rng.uniform(-0.3, 0.3, (1728, 3))) * squeeze
+        pairs = weigh_pairs(build_list(x, 2.7, 0.05), x, 1.3)
+        none = np.full((len(x), 3), np.inf)
+        found = packing(pairs, x, np.ones(len(x)), shape, shape, 1.3, 1.0, none, np.zeros((len(x), 3, 3)))
+        assert found.reshape(12, 12, 12)[inside].mean() == pytest.approx(squeeze**-3, abs=0.03)
+
+
+def test_lattices_keep_their_shape_in_homogeneous_flow_and_lose_it_where_neighbours_part():
+    x = lattice((6, 6, 6))
     pairs = weigh_pairs(build_list(x, 2.7, 0.05), x, 1.3)
-    wall = np.full((len(x), 1), np.inf)
-    wall[:, 0] = np.where(x[:, 2] < 2.6, x[:, 2], np.inf)
-    found = packing(pairs, x, np.ones(len(x)), 1.3, wall).reshape(8, 8, 8)
-    np.testing.assert_allclose(found[3:5, 3:5, 2:5], 1.0, atol=0.01)
-    np.testing.assert_allclose(found[3:5, 3:5, :2], 1.0, atol=0.04)
-    assert found[0, 4, 4] < 0.85
-    np.testing.assert_allclose(kernel_behind(np.array([0.0, 2.6, 5.0, -2.6, -5.0]), 1.3), [0.5, 0, 0, 1, 1], atol=1e-6)
+    gradient = np.tile(np.diag([0.5, 0.5, -1.0]), (len(x), 1, 1))
+    affine = x @ gradient[0].T
+    loose = rearrangement_rate(pairs, x, np.ones(len(x)), affine, gradient)
+    np.testing.assert_allclose(loose, 0.0, atol=1e-12)
+    restless = affine + np.random.default_rng(0).normal(size=x.shape)
+    assert rearrangement_rate(pairs, x, np.ones(len(x)), restless, gradient).min() > 0.5
+    shape, increment = np.tile(lattice_of(np.array([2.0, 1.0, 0.5])), (len(x), 1)), np.eye(3) + 0.01 * gradient
+    strain = np.full(len(x), 0.012)
+    kept = follow_lattice(shape, increment, loose, strain)
+    exact = increment[0] @ full(shape)[0] @ increment[0].T
+    np.testing.assert_allclose(full(kept)[0], exact / np.cbrt(np.linalg.det(exact)), atol=1e-12)
+    assert aspect_ratio(follow_lattice(shape, increment, 100.0 * strain, strain))[0] < 1.1
 
 
 def test_deformation_and_directions_convect():
@@ -108,12 +148,12 @@ def test_jeffery_increment_is_affine_for_long_fibres():
     np.testing.assert_allclose(jeffery_increment(gradient[None], 0.3, 1.0)[0], expm(0.3 * gradient), atol=1e-13)
 
 
-def one_particle(normals, gaps, velocities=None, sticks=None) -> Contacts:
+def one_particle(normals, gaps, velocities=None) -> Contacts:
     m = len(normals)
     shape = (1, 3)
     contacts = Contacts(
         tool=np.full(shape, -1, np.int32), normal=np.zeros((1, 3, 3)), half_width=np.zeros(shape),
-        gap=np.full(shape, np.inf), wall_velocity=np.zeros((1, 3, 3)), sticks=np.zeros(shape, bool),
+        gap=np.full(shape, np.inf), wall_velocity=np.zeros((1, 3, 3)),
         active=np.zeros(shape, bool),
     )  # fmt: skip
     contacts.tool[0, :m] = np.arange(m)
@@ -123,8 +163,6 @@ def one_particle(normals, gaps, velocities=None, sticks=None) -> Contacts:
     contacts.half_width[0, :m] = 0.5
     if velocities is not None:
         contacts.wall_velocity[0, :m] = velocities
-    if sticks is not None:
-        contacts.sticks[0, :m] = sticks
     return contacts
 
 
@@ -147,16 +185,29 @@ def test_constraints_of_oblique_walls_are_all_met():
         np.testing.assert_allclose(np.linalg.norm(forces[0, :m], axis=1), np.abs(pressing[0, :m]))
 
 
-def test_sticking_walls_hold_all_directions():
-    contacts = one_particle([[0.0, 0.0, 1.0]], [0.0], [[1.0, 2.0, 3.0]], [True])
-    free, held = contacts.constrain(0.1)
-    np.testing.assert_array_equal(free[0], 0.0)
-    np.testing.assert_allclose(held[0], [1.0, 2.0, 3.0])
+def test_half_widths_follow_the_lattice():
+    start, now = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]), np.tile([4.0, 1.0, 0.25, 0.0, 0.0, 0.0], (3, 1))
+    # 2.0 is cut at 1.5.
+    np.testing.assert_allclose(half_widths(np.full(3, 0.5), now, start, np.eye(3)), [0.75, 0.5, 0.25])
+    np.testing.assert_allclose(half_widths(np.full(3, 0.5), now, now[0], np.eye(3)), 0.5)
 
 
-def test_half_widths():
-    f = np.diag([2.0, 1.0, 0.5])[None].repeat(3, axis=0)
-    np.testing.assert_allclose(half_widths(np.full(3, 0.5), f, np.eye(3)), [0.65, 0.5, 0.25])  # 2.0 is cut at 1.3
+def test_touching_particles_keep_their_distance_and_return_with_strain():
+    ideal, distance, growth = np.full((2, 1), 0.5), np.array([[0.4], [np.inf]]), np.full((2, 1), 0.9)
+    np.testing.assert_allclose(kept_half_widths(ideal, distance, growth, np.zeros(2))[0], 0.36)
+    np.testing.assert_allclose(kept_half_widths(ideal, distance, growth, np.full(2, 10.0)), 0.5)
+
+
+def test_wall_layers_resist_with_half_a_cell_a_face():
+    contacts = one_particle([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]], [0.0, 0.1])
+    assert contacts.layers().tolist() == [2]
+    contacts.active[:] = False
+    contacts.gap[0, :2] = [0.1, 0.2]
+    assert contacts.layers().tolist() == [1]
+    np.testing.assert_allclose(between_wall_layers(np.array([0, 1, 2])), [1.0, 0.5, 0.25], atol=0.04)
+
+
+def test_starting_half_widths():
     # A scattered layer on the tool keeps its own distances, a layer with clearance does not.
     on = np.array([0.4, 0.5, 0.6, 1.5, 2.4])
     np.testing.assert_allclose(starting_half_widths(on, 1.0), [0.4, 0.5, 0.6, 0.5, 0.5])

@@ -1,0 +1,75 @@
+"""Volume balance: what keeps the transported volume ratio in step with where the particles are.
+
+J follows from averaged velocity gradients, and these do not see where a particle stands among its neighbours. Under
+large stretch in uneven flow the packing drifts by tenths although every J stays near one: a bracket then keeps a sixth
+too much under its ram. The pressure therefore knows a second factor, which moves with the strain of each step until the
+packing is that of the start again. In a homogeneous flow packing keeps its value and the factor stays at one; where
+nothing flows nothing is changed.
+"""
+
+import numpy as np
+
+from ppmc.geometry.contacts import find_contacts
+from ppmc.solver.contact import FACES
+from ppmc.solver.kernel_shape import aspect_ratio, full
+from ppmc.solver.neighbours import Pairs
+from ppmc.solver.packing import INTERIOR, interior_mean, packing
+from ppmc.solver.smoothing import SUPPORT
+from ppmc.solver.state import ParticleState
+from ppmc.solver.tools import Walls
+
+DEAD_BAND = 0.01  # error of packing that is left alone: irregular charges read that differently as they deform
+MOST_WRONG = 0.1  # error of packing beyond which the pull grows no more
+# Ratio of a lattice's aspect to the kernel's, beyond which the kernel no longer resolves the lattice and the sum means
+# little; the pull then fades.
+RESOLVED = 1.5
+
+
+def measured_packing(
+    state: ParticleState, walls: Walls, time: float, pairs: Pairs, inverse_shape: np.ndarray, smoothing_length: float,
+    spacing: float,
+) -> np.ndarray:  # fmt: skip
+    """Packing of each particle at its present place and volume, shape (n,); arguments as in :func:`packing`."""
+    longest = float(np.sqrt(np.linalg.eigvalsh(full(state.kernel_shape))[:, 2].max()))
+    support = SUPPORT * smoothing_length * longest
+    _, _, distance, normal = find_contacts(walls.tools.arrays, walls.offsets(time), state.position, support)
+    return packing(
+        pairs, state.position, state.volume * state.pressure_ratio, state.kernel_shape, inverse_shape,
+        smoothing_length, spacing, np.ascontiguousarray(distance[:, :FACES]),
+        np.ascontiguousarray(normal[:, :FACES]),
+    )  # fmt: skip
+
+
+def reference_packing(pairs: Pairs, found: np.ndarray, smoothing_length: float) -> np.ndarray:
+    """Packing (n,) that a charge has at its start and will be held to."""
+    return np.clip(interior_mean(pairs, found, found > INTERIOR, smoothing_length), 0.9, 1.1)
+
+
+def correct_volume(
+    state: ParticleState, pairs: Pairs, found: np.ndarray, strain: np.ndarray, rate: float, smoothing_length: float,
+    aspect_limit: float,
+) -> None:  # fmt: skip
+    """Draw the factor of the pressure's volume ratio towards what the packing shows.
+
+    Parameters
+    ----------
+    state : ParticleState
+        Its `packing_correction` is changed.
+    pairs : Pairs
+    found : ndarray, shape (n,)
+        Packing.
+    strain : ndarray, shape (n,)
+        Strain of the step.
+    rate : float
+        Relative correction for a unit of strain and of error.
+    smoothing_length : float
+        mm.
+    aspect_limit : float
+        Largest aspect ratio of the kernel.
+    """
+    interior = found > INTERIOR
+    wrong = interior_mean(pairs, found, interior, smoothing_length) / state.packing_reference - 1.0
+    wrong = np.clip(np.sign(wrong) * np.maximum(np.abs(wrong) - DEAD_BAND, 0.0), -MOST_WRONG, MOST_WRONG)
+    resolved = np.minimum(1.0, RESOLVED * aspect_limit / aspect_ratio(state.lattice_shape)) ** 8
+    pull = np.minimum(rate * np.maximum(strain, strain.mean()), 0.5) * resolved * interior
+    state.packing_correction = state.packing_correction * (1.0 - pull * wrong)

@@ -1,0 +1,54 @@
+"""Newtonian disk of radius 4 h between plates: force by slip (2 %), wall friction (3 %) and no-slip (Stefan, 10 %)."""
+
+import numpy as np
+import pytest
+
+from ppmc.geometry.toolset import compile_tools
+from ppmc.scene.tooling import NavierFriction
+from ppmc.solver.tools import Walls
+from tests.solver.scenes import make_squeeze
+
+LAYERS, RATIO, SPEED = 6, 4.0, 3.0
+STEPS, TIME_STEP = 16, 5e-3  # until the bulk penalty has built up the pressure
+
+
+def squeezed_disk(wall) -> tuple[float, float, float]:
+    """Force on the ram, Pa mm^2, with the radius and height, mm, to which it belongs; viscosity 1 Pa s, spacing 1 mm."""
+    radius = RATIO * LAYERS
+    side = int(2 * radius)
+    integrator = make_squeeze((side, side, LAYERS), reduction=0.5)
+    state, walls = integrator.state, integrator.model.walls
+    state.reorder(np.flatnonzero(np.hypot(state.position[:, 0] - radius, state.position[:, 1] - radius) < radius))
+    state.original = np.arange(len(state))
+    planes = {
+        name: tool.model_copy(update={"wall": wall})
+        for name, tool in zip(walls.tools.names, walls.tools.tools, strict=True)
+    }
+    integrator.model.walls = Walls(compile_tools(planes), walls.spacing)
+    integrator.initialise(0.0, TIME_STEP)
+    for k in range(STEPS):
+        report = integrator.step(k * TIME_STEP, TIME_STEP)
+    height = LAYERS - SPEED * (STEPS - 0.5) * TIME_STEP
+    return float(report.tool_force[1, 2]), radius * np.sqrt(LAYERS / height), height
+
+
+def slip_force(radius: float, height: float) -> float:
+    return 3.0 * np.pi * radius**2 * SPEED / height
+
+
+def test_slip():
+    force, radius, height = squeezed_disk("slip")
+    assert force == pytest.approx(slip_force(radius, height), rel=0.02)
+
+
+def test_wall_friction():
+    friction = 0.02
+    force, radius, height = squeezed_disk(NavierFriction(friction=friction))
+    # Plug flow, v = r V/(2 h), rubs on both plates.
+    added = np.pi * friction * SPEED * radius**4 / (4.0 * height**2)
+    assert force == pytest.approx(slip_force(radius, height) + added, rel=0.03)
+
+
+def test_stefan():
+    force, radius, height = squeezed_disk("no_slip")
+    assert force == pytest.approx(1.5 * np.pi * radius**4 * SPEED / height**3, rel=0.10)
