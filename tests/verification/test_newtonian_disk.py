@@ -9,14 +9,14 @@ from ppmc.solver.tools import Walls
 from tests.solver.scenes import make_squeeze
 
 LAYERS, RATIO, SPEED = 6, 4.0, 3.0
-STEPS, TIME_STEP = 16, 5e-3  # until the bulk penalty has built up the pressure
+STEPS, TIME_STEP = 18, 5e-3  # until the bulk penalty has built up the pressure
 
 
 def squeezed_disk(wall) -> tuple[float, float, float]:
-    """Force on the ram, Pa mm^2, with the radius and height, mm, to which it belongs; viscosity 1 Pa s, spacing 1 mm."""
+    """Force on the ram, Pa mm^2, and the radius and height, mm, to which it belongs; viscosity 1 Pa s."""
     radius = RATIO * LAYERS
     side = int(2 * radius)
-    integrator = make_squeeze((side, side, LAYERS), reduction=0.5)
+    integrator = make_squeeze((side, side, LAYERS), reduction=0.5, bulk_ratio=1000.0)
     state, walls = integrator.state, integrator.model.walls
     state.reorder(np.flatnonzero(np.hypot(state.position[:, 0] - radius, state.position[:, 1] - radius) < radius))
     state.original = np.arange(len(state))
@@ -42,7 +42,7 @@ def test_slip():
 
 
 def test_wall_friction():
-    friction = 0.02
+    friction = 0.005  # h friction/eta = 0.03: plug flow
     force, radius, height = squeezed_disk(NavierFriction(friction=friction))
     # Plug flow, v = r V/(2 h), rubs on both plates.
     added = np.pi * friction * SPEED * radius**4 / (4.0 * height**2)

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from tests.solver.scenes import make_squeeze
 
-# Stiff fibres buckle under compression, as they should: at 15 % of it those of K/(eta11 rate) = 100 have tilted by up to
+# Stiff fibres buckle under compression, as they should: at 15 % those of K/(eta11 rate) = 100 have tilted by up to
 # 3.7 degrees from the disorder of their wall layers alone, and the equation of straight ones holds no more.
 RATIO, RATE, END = 10.0, 0.05, 1.0
 # The stiffest penalty shows that wall and interior layers share the strain unevenly by 3 %: the bar is missed by 0.5 %
