@@ -27,7 +27,6 @@ from ppmc.solver.skyline import SkylineFactor, factorise
 
 CELL = 3.0  # size of a grid cell in particle spacings
 SHIFT = 1e-9  # of the diagonal, for rigid motions
-FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}  # never nnan or ninf
 
 
 @dataclass
@@ -175,7 +174,7 @@ def _gradients(local, size, grad):
         grad[a, 2] = (1.0 if a & 1 else -1.0) * wx * wy / size[2]
 
 
-@njit(cache=True, parallel=True, fastmath=FAST)
+@njit(cache=True, parallel=True)
 def _cell_stiffness(order, start, local, size, volume, shear, bulk, fibre, p, point, out):
     for cell in prange(start.shape[0] - 1):
         matrix = out[cell]

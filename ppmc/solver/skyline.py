@@ -12,6 +12,8 @@ import numpy as np
 
 from ppmc.compile_cache import njit
 
+# Only plain sums may be reordered: a longer formula would come out with other last bits when compiled than from the
+# cache.
 _FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}  # never nnan or ninf
 
 
@@ -86,14 +88,19 @@ def _factorise(first, offset, values, shift):
 
 
 @njit(cache=True, fastmath=_FAST)
+def _dot_vector(values, a, x, b, length):
+    total = 0.0
+    for k in range(length):
+        total += values[a + k] * x[b + k]
+    return total
+
+
+@njit(cache=True)
 def _solve(first, offset, values, x):
     n = first.shape[0]
     for i in range(n):
         row, start = offset[i], first[i]
-        total = 0.0
-        for k in range(i - start):
-            total += values[row + k] * x[start + k]
-        x[i] = (x[i] - total) / values[row + i - start]
+        x[i] = (x[i] - _dot_vector(values, row, x, start, i - start)) / values[row + i - start]
     for i in range(n - 1, -1, -1):
         row, start = offset[i], first[i]
         x[i] /= values[row + i - start]
