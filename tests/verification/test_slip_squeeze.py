@@ -31,3 +31,12 @@ def test_isotropic():
     assert np.all(found.std(axis=0).diagonal() < 0.02 * exact.diagonal())
     assert result.press_force == pytest.approx(3.0 * result.closing_rate * 144.0 * result.compression, rel=0.02)
     assert result.state.volume_ratio.mean() == pytest.approx(1.0, abs=5e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("ratio", "shape"), [(1.0, (12, 12, 10)), (1000.0, (8, 8, 8)), (61215.0, (8, 8, 8))])
+def test_to_a_fifth_of_the_height(ratio, shape):
+    result = squeeze(shape=shape, ratio=ratio, reduction=0.2)
+    found, exact = result.stretch, collimated_stretch(ratio, 5.0, 0.0)
+    np.testing.assert_allclose(found.mean(axis=0).diagonal(), exact.diagonal(), rtol=0.01)
+    assert np.all(found.std(axis=0).diagonal() < 0.05 * exact.diagonal())
