@@ -22,28 +22,21 @@ MOST_ASPECT = 50.0  # of a lattice's axes
 LATTICE_NOISE, FADING = 0.2, 4.0
 
 
-def convect_shape(shape: np.ndarray, increment: np.ndarray, aspect_limit: float) -> np.ndarray:
-    """Shape tensors after an increment of deformation.
+def limited(shape: np.ndarray, aspect_limit: float, fade: np.ndarray | float = 0.0) -> np.ndarray:
+    """Shapes of unit determinant with no axis longer than `aspect_limit` times another.
 
     Parameters
     ----------
     shape : ndarray, shape (n, 6)
         C as XX, YY, ZZ, XY, YZ, XZ.
-    increment : ndarray, shape (n, 3, 3)
-        A.
     aspect_limit : float
-        Largest ratio of two axes of the ellipsoid.
+    fade : ndarray, shape (n,), or float
+        Share by which the logarithm shrinks.
 
     Returns
     -------
     ndarray, shape (n, 6)
     """
-    return limited(six(increment @ full(shape) @ np.swapaxes(increment, -1, -2)), aspect_limit)
-
-
-def limited(shape: np.ndarray, aspect_limit: float, fade: np.ndarray | float = 0.0) -> np.ndarray:
-    """Shape tensors (n, 6) of unit determinant, their logarithms shrunk by `fade` (n,), no axis longer than
-    `aspect_limit` times another."""  # noqa: D205, D209
     values, vectors = np.linalg.eigh(full(shape))
     values = np.maximum(values, values[:, 2:] / aspect_limit**2) ** (1.0 - np.asarray(fade))[..., None]
     values /= np.cbrt(np.prod(values, axis=1))[:, None]

@@ -9,11 +9,11 @@ from ppmc.solver.conjugate_gradient import conjugate_gradient
 from ppmc.solver.contact import Contacts, between_wall_layers, half_widths, kept_half_widths, starting_half_widths
 from ppmc.solver.kernel_shape import (
     aspect_ratio,
-    convect_shape,
     follow_lattice,
     full,
     inverse_shape,
     lattice_of,
+    limited,
     rearrangement_rate,
 )
 from ppmc.solver.neighbours import build_list, cell_order, list_is_stale, weigh_pairs
@@ -70,7 +70,8 @@ def test_affine_support_keeps_the_neighbours_of_a_stretched_lattice():
     stretch = np.diag([1.0, 3.0, 1.0 / 3.0])
     start = lattice((7, 7, 7))
     sphere = np.tile([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], (len(start), 1))
-    shape = convect_shape(sphere, np.broadcast_to(stretch, (len(start), 3, 3)), 100.0)
+    none = np.zeros(len(start))
+    shape = follow_lattice(sphere, np.broadcast_to(stretch, (len(start), 3, 3)), none, none)
     np.testing.assert_allclose(full(shape)[0], stretch @ stretch.T, atol=1e-12)
     metric, longest = inverse_shape(shape)
     assert longest == pytest.approx(3.0)
@@ -78,8 +79,7 @@ def test_affine_support_keeps_the_neighbours_of_a_stretched_lattice():
     pairs = weigh_pairs(build_list(x, 2.7, 0.05, metric, longest), x, 1.3, metric)
     plain = weigh_pairs(build_list(start, 2.7, 0.05), start, 1.3)
     np.testing.assert_array_equal(pairs.count, plain.count)
-    limited = full(convect_shape(sphere, np.broadcast_to(stretch, (len(start), 3, 3)), 4.0))[0]
-    axes = np.sqrt(np.linalg.eigvalsh(limited))
+    axes = np.sqrt(np.linalg.eigvalsh(full(limited(shape, 4.0))[0]))
     assert axes[2] / axes[0] == pytest.approx(4.0)
     assert np.prod(axes) == pytest.approx(1.0)
 
