@@ -12,40 +12,48 @@ from scipy.integrate import solve_ivp
 
 from tests.solver.scenes import make_squeeze
 
-# Stiff fibres buckle under compression, as they should: at 15 % those of K/(eta11 rate) = 100 have tilted by up to
-# 3.7 degrees from the disorder of their wall layers alone, and the equation of straight ones holds no more.
-RATIO, RATE, END = 10.0, 0.05, 1.0
-# The stiffest penalty shows that wall and interior layers share the strain unevenly by 3 %: the bar is missed by 0.5 %
-# for a twentieth of a second, until the slowest layers have followed.
-MISSED = pytest.mark.xfail(strict=True, reason="1.5 % for t < 0.1 s, 0.2 % at the end")
+# Stiff fibres buckle under compression: at 15 % those of K/(eta11 rate) = 100 have tilted by up to 3.7 degrees from
+# the disorder of their wall layers alone, and the equation of straight ones no longer holds. A gentler squeeze of a
+# finer block shows what the penalty itself does.
+RATIO, END = 10.0, 1.0
+BUCKLED = pytest.mark.xfail(strict=True, reason="1.6 % (K/(eta11 rate) = 10) and 2.9 % (100) at the end")
+UNEVEN = pytest.mark.xfail(strict=True, reason="1.5 % for t < 0.1 s, 0.2 % at the end")
+CASES = [
+    (1.0, 0.15, (4, 4, 8)),
+    pytest.param(10.0, 0.15, (4, 4, 8), marks=BUCKLED),
+    pytest.param(100.0, 0.15, (4, 4, 8), marks=BUCKLED),
+    (1.0, 0.05, (6, 6, 10)),
+    (10.0, 0.05, (6, 6, 10)),
+    pytest.param(100.0, 0.05, (6, 6, 10), marks=UNEVEN),
+]
 
 
-def exact_volume_ratio(bulk: float, times: np.ndarray) -> np.ndarray:
+def exact_volume_ratio(bulk: float, closing: float, times: np.ndarray) -> np.ndarray:
     eta11 = 4.0 * RATIO - 1.0
 
     def rate_of_log_j(time: float, log_j: np.ndarray) -> np.ndarray:
-        stretch_rate = -RATE / (1.0 - RATE * time)
+        stretch_rate = -closing / (1.0 - closing * time)
         lateral = stretch_rate - 4.5 * bulk / eta11 * (np.exp(log_j) - 1.0)
         return stretch_rate + 2.0 * lateral
 
     return np.exp(solve_ivp(rate_of_log_j, (0.0, END), [0.0], "LSODA", times, rtol=1e-10, atol=1e-12).y[0])
 
 
-@pytest.mark.parametrize("stiffness", [1.0, 10.0, pytest.param(100.0, marks=MISSED)])
-def test_pressure_follows_the_lag_equation(stiffness):
+@pytest.mark.parametrize(("stiffness", "closing", "shape"), CASES)
+def test_pressure_follows_the_lag_equation(stiffness, closing, shape):
     eta11 = 4.0 * RATIO - 1.0
-    bulk = stiffness * eta11 * RATE
-    up = np.tile([0.0, 0.0, 1.0], (6 * 6 * 10, 1))
-    integrator = make_squeeze((6, 6, 10), ratio=RATIO, reduction=1.0 - RATE, directions=up)
+    bulk = stiffness * eta11 * closing
+    up = np.tile([0.0, 0.0, 1.0], (int(np.prod(shape)), 1))
+    integrator = make_squeeze(shape, ratio=RATIO, reduction=1.0 - closing, directions=up)
     integrator.model.bulk_modulus = bulk
     integrator.state.in_plane_direction[:] = [1.0, 0.0, 0.0]
     # The lag time is eta11/(9 K): short steps first.
     times = np.concatenate([[0.0], np.geomspace(5e-4, 0.1, 60), np.linspace(0.1, END, 80)[1:]])
     integrator.initialise(0.0, 1e-9)
-    exact = exact_volume_ratio(bulk, times)
+    exact = exact_volume_ratio(bulk, closing, times)
     pressures = [0.0]
     for start, end in pairwise(times):
         integrator.step(start, end - start)
         pressures.append(float(-bulk * (integrator.state.volume_ratio.mean() - 1.0)))
-    incompressible = eta11 * RATE / (3.0 * (1.0 - RATE * times))
+    incompressible = eta11 * closing / (3.0 * (1.0 - closing * times))
     np.testing.assert_allclose(pressures, -bulk * (exact - 1.0), atol=0.01 * incompressible.max())
