@@ -45,7 +45,7 @@ charge:
 PLATELETS = {
     "12.7 x 12.7 mm, hard walls": "{source: platelets, length: 12.7 mm, width: 12.7 mm}",
     "6.35 x 1.59 mm, hard walls": "{source: platelets, length: 6.35 mm, width: 1.59 mm}",
-    "the measured state (J13)": "{source: platelets, length: 12.7 mm, width: 6.35 mm, wall_softness: 0.35,"
+    "the measured state (J13)": "{source: platelets, length: 12.7 mm, width: 6.35 mm, wall_softness: 0.38,"
     " pitch: 9.5 deg, roll: 19.5 deg, on_edge: {share: 0.9, depth: 0.5 mm}}",
 }
 SPACINGS = {"152,592": "0.5 mm", "1,004,544": "[0.2625 mm, 0.2656 mm, 0.2727 mm]"}

@@ -104,7 +104,7 @@ def tiles() -> None:
     """Check every cell of 100 layers: held by one platelet, inside that platelet's rectangle, complete ones whole."""
     ny, nx, step, pad = 68, 187, 0.5, 40
     j, i = np.indices((ny, nx))
-    for length, width, softness in ((12.7, 12.7, 0.0), (12.7, 6.35, 0.35), (6.35, 1.59, 0.0)):
+    for length, width, softness in ((12.7, 12.7, 0.0), (12.7, 6.35, 0.38), (6.35, 1.59, 0.0)):
         gaps, strays, short, counts = 0, 0, 0, np.zeros(3, dtype=int)
         for seed in range(100):
             owner = np.full((ny, nx), FREE, dtype=np.int64)

@@ -1,9 +1,8 @@
 """The papers' five steps: fill one layer of a charge with randomly placed platelets (A, section 4).
 
 1. Begin at a randomly chosen cell that no platelet holds.
-2. Draw an angle; near a wall, only angles at which the walls cut off no more than allowed. Next to a wall there may be
-   none: such cells are left to their neighbours' platelets, and at last to those of step 5, which take an angle at
-   which they extend least far beyond the wall.
+2. Draw an angle; near a wall, only angles at which no more cells of the rectangle lie beyond it than allowed. Next to a
+   wall there may be none: the angles are then limited to those at which the rectangle extends least far beyond it.
 3. Find the cells whose centres lie in the length x width rectangle round that cell.
 4. If all of them are free, they become a platelet. Otherwise start over.
 5. After many failures in a row, incomplete platelets are allowed: they take the free cells of their rectangle.
@@ -27,31 +26,66 @@ COMPLETE, INCOMPLETE, CUT_BY_WALL = 0, 1, 2
 
 DRAWS_OF_AN_ANGLE = 32
 TABLE = 180
-# Extents beyond a wall that differ by less, mm, are equal.
+# Lengths that differ by less, mm, are equal.
 EQUAL = 1e-6
-# Overhang is summed over a grid of points on the rectangle by the trapezoidal rule; edges and corners are on it, so
-# that it is zero for rectangles inside, and for these alone.
-GRID = 17
+# Points along each side of a rectangle at which its distance from walls is looked up.
+POINTS = 17
 
 
 @njit
-def overhang(owner, dx, dy, j0, i0, length, width, cosine, sine, enough):  # type: ignore[no-untyped-def]
-    """Return the share of a rectangle round cell (j0, i0) that lies outside the layer; what is found once > enough."""
+def cells_in_row(y, length, width, cosine, sine, dx):  # type: ignore[no-untyped-def]
+    """Return the first and last cell, counted from the middle one, with centres in a rectangle; y mm off its middle."""
+    low, high = -math.inf, math.inf
+    for half, per_x, offset in ((0.5 * length, cosine, y * sine), (0.5 * width, -sine, y * cosine)):
+        if abs(per_x) < 1e-12:
+            if abs(offset) > half + EQUAL:
+                return 1, 0
+        else:
+            one, other = (-half - EQUAL - offset) / per_x, (half + EQUAL - offset) / per_x
+            low, high = max(low, min(one, other)), min(high, max(one, other))
+    return math.ceil(low / dx), math.floor(high / dx)
+
+
+@njit
+def rows_above(length, width, cosine, sine, dy):  # type: ignore[no-untyped-def]
+    """Return how many rows a rectangle reaches to either side of its middle."""
+    return int((0.5 * (length * abs(sine) + width * abs(cosine)) + EQUAL) / dy)
+
+
+@njit
+def overhang(owner, dx, dy, j0, i0, length, width, cosine, sine):  # type: ignore[no-untyped-def]
+    """Return the share of the cells in a rectangle round cell (j0, i0) that lie outside the layer."""
     ny, nx = owner.shape
-    out = 0.0
-    for a in range(GRID):
-        u = length * (a / (GRID - 1) - 0.5)
-        column = 0.5 if a in (0, GRID - 1) else 1.0
-        for b in range(GRID):
-            v = width * (b / (GRID - 1) - 0.5)
-            # The tiny shrink keeps a rectangle that just touches a wall inside it.
-            i = math.floor(i0 + 0.5 + (u * cosine - v * sine) * (1.0 - 1e-9) / dx)
-            j = math.floor(j0 + 0.5 + (u * sine + v * cosine) * (1.0 - 1e-9) / dy)
-            if i < 0 or j < 0 or i >= nx or j >= ny or owner[j, i] == OUTSIDE:
-                out += column * (0.5 if b in (0, GRID - 1) else 1.0)
-        if out > enough * (GRID - 1) ** 2:
-            break
-    return out / (GRID - 1) ** 2
+    reach = rows_above(length, width, cosine, sine, dy)
+    total, outside = 0, 0
+    for j in range(j0 - reach, j0 + reach + 1):
+        first, last = cells_in_row((j - j0) * dy, length, width, cosine, sine, dx)
+        if last < first:
+            continue
+        total += last - first + 1
+        if j < 0 or j >= ny:
+            outside += last - first + 1
+            continue
+        start, stop = max(0, i0 + first), min(nx, i0 + last + 1)
+        outside += last - first + 1 - max(0, stop - start)
+        for i in range(start, stop):
+            if owner[j, i] == OUTSIDE:
+                outside += 1
+    return outside / total
+
+
+@njit
+def taken_at_any_angle(owner, dx, dy, j0, i0, width):  # type: ignore[no-untyped-def]
+    """Return whether a platelet holds a cell of the circle that fits into a rectangle of this width at any angle."""
+    ny, nx = owner.shape
+    half = 0.5 * width
+    rows = int(half / dy)
+    for j in range(max(0, j0 - rows), min(ny, j0 + rows + 1)):
+        reach = int(math.sqrt(max(half**2 - ((j - j0) * dy) ** 2, 0.0)) / dx)
+        for i in range(max(0, i0 - reach), min(nx, i0 + reach + 1)):
+            if owner[j, i] >= 0:
+                return True
+    return False
 
 
 @njit
@@ -62,11 +96,11 @@ def extent_beyond(beyond, pad, dx, dy, j0, i0, length, width, cosine, sine):  # 
     layer by `pad` cells on all sides; it is interpolated linearly.
     """
     farthest = -math.inf
-    for a in range(GRID):
-        u = length * (a / (GRID - 1) - 0.5)
+    for a in range(POINTS):
+        u = length * (a / (POINTS - 1) - 0.5)
         # The rim alone: no inner point is farther out.
-        for b in range(0, GRID, 1 if a in (0, GRID - 1) else GRID - 1):
-            v = width * (b / (GRID - 1) - 0.5)
+        for b in range(0, POINTS, 1 if a in (0, POINTS - 1) else POINTS - 1):
+            v = width * (b / (POINTS - 1) - 0.5)
             x, y = pad + i0 + (u * cosine - v * sine) / dx, pad + j0 + (u * sine + v * cosine) / dy
             i, j = math.floor(x), math.floor(y)
             s, t = x - i, y - j
@@ -83,7 +117,7 @@ def angle_at_wall(owner, beyond, pad, dx, dy, j0, i0, length, width, softness, s
     least = math.inf
     for k in range(TABLE):
         cosine, sine = math.cos(k * math.pi / TABLE), math.sin(k * math.pi / TABLE)
-        if overhang(owner, dx, dy, j0, i0, length, width, cosine, sine, softness) <= softness:
+        if overhang(owner, dx, dy, j0, i0, length, width, cosine, sine) <= softness:
             cost[k] = 0.0
         else:
             cost[k] = max(extent_beyond(beyond, pad, dx, dy, j0, i0, length, width, cosine, sine), 2.0 * EQUAL)
@@ -105,24 +139,16 @@ def angle_at_wall(owner, beyond, pad, dx, dy, j0, i0, length, width, softness, s
 def collect_cells(owner, dx, dy, j0, i0, length, width, cosine, sine, cells):  # type: ignore[no-untyped-def]
     """Write the free cells of a rectangle to `cells`; return their number and whether other platelets hold some."""
     ny, nx = owner.shape
-    half_x = 0.5 * (length * abs(cosine) + width * abs(sine))
-    half_y = 0.5 * (length * abs(sine) + width * abs(cosine))
-    reach_i, reach_j = int(half_x / dx) + 1, int(half_y / dy) + 1
+    reach = rows_above(length, width, cosine, sine, dy)
     found, blocked = 0, False
-    for j in range(max(0, j0 - reach_j), min(ny, j0 + reach_j + 1)):
-        for i in range(max(0, i0 - reach_i), min(nx, i0 + reach_i + 1)):
-            x, y = (i - i0) * dx, (j - j0) * dy
-            if abs(x * cosine + y * sine) > 0.5 * length or abs(y * cosine - x * sine) > 0.5 * width:
-                continue
+    for j in range(max(0, j0 - reach), min(ny, j0 + reach + 1)):
+        first, last = cells_in_row((j - j0) * dy, length, width, cosine, sine, dx)
+        for i in range(max(0, i0 + first), min(nx, i0 + last + 1)):
             if owner[j, i] == FREE:
                 cells[found] = j * nx + i
                 found += 1
             elif owner[j, i] >= 0:
                 blocked = True
-    # A platelet narrower than the lattice still holds the cell it began at.
-    if found == 0:
-        cells[0] = j0 * nx + i0
-        found = 1
     return found, blocked
 
 
@@ -143,7 +169,7 @@ def fill_layer(owner, beyond, pad, dx, dy, lengths, widths, softness, attempts, 
     lengths, widths : ndarray, shape (m,)
         Sizes in the order in which platelets are placed; m at least the number of free cells.
     softness : float
-        Share of a platelet that walls may cut off; beyond it, an angle is not allowed.
+        Share of a platelet's cells that walls may cut off; beyond it, an angle is not allowed.
     attempts : int
         Failures in a row after which incomplete platelets are allowed.
     first_id : int
@@ -179,23 +205,23 @@ def fill_layer(owner, beyond, pad, dx, dy, lengths, widths, softness, attempts, 
         c = free[next_below(state, left)]
         j0, i0 = c // nx, c % nx
         length, width = lengths[made], widths[made]
+        if not incomplete and taken_at_any_angle(owner, dx, dy, j0, i0, min(length, width)):
+            failures += 1
+            incomplete = failures > attempts
+            continue
         angle, share = 0.0, 0.0
         near_wall = -beyond[pad + j0, pad + i0] < 0.5 * math.sqrt(length**2 + width**2) + EQUAL
         fits = False
         for _ in range(DRAWS_OF_AN_ANGLE if near_wall else 1):
             angle = next_uniform(state) * math.pi
             if near_wall:
-                share = overhang(owner, dx, dy, j0, i0, length, width, math.cos(angle), math.sin(angle), softness)
+                share = overhang(owner, dx, dy, j0, i0, length, width, math.cos(angle), math.sin(angle))
             if share <= softness:
                 fits = True
                 break
         if not fits:
-            if not incomplete:
-                failures += 1
-                incomplete = failures > attempts
-                continue
             angle = angle_at_wall(owner, beyond, pad, dx, dy, j0, i0, length, width, softness, state)
-            share = overhang(owner, dx, dy, j0, i0, length, width, math.cos(angle), math.sin(angle), 0.0)
+            share = overhang(owner, dx, dy, j0, i0, length, width, math.cos(angle), math.sin(angle))
         found, blocked = collect_cells(owner, dx, dy, j0, i0, length, width, math.cos(angle), math.sin(angle), cells)
         if blocked and not incomplete:
             failures += 1

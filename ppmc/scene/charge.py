@@ -203,7 +203,7 @@ class OnEdge(Section):
 class PlateletsOrientation(Section):
     """Platelets laid at random, layer by layer, by the papers' five steps (A, section 4).
 
-    The bracket charge that was measured by CT (J13) is matched by length 12.7 mm, width 6.35 mm, wall_softness 0.35,
+    The bracket charge that was measured by CT (J13) is matched by length 12.7 mm, width 6.35 mm, wall_softness 0.38,
     pitch 9.5 deg, roll 19.5 deg and on_edge {share 0.9, depth 0.5 mm}.
     """
 
@@ -215,7 +215,7 @@ class PlateletsOrientation(Section):
     thickness: PositiveLength | None = Field(default=None, examples=["0.14 mm"])
     """Platelet thickness; a platelet spans as many particle layers as fit it, one at least. One if left out."""
     wall_softness: float = Field(default=0.0, ge=0.0, le=1.0)
-    """Share of its area that a platelet may lose beyond a wall: 0 keeps to the walls, 1 ignores them."""
+    """Share of its cells that a platelet may lose beyond a wall: 0 keeps to the walls, 1 ignores them."""
     attempts: int = Field(default=1000, ge=1, le=10_000_000)
     """Failures in a row after which incomplete platelets are allowed."""
     pitch: NonNegativeAngle = 0.0

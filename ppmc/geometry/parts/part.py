@@ -52,7 +52,7 @@ class Part(Section):
 
     def orientation(self) -> dict[str, Any]:
         """Return how the papers filled the charge, as a scene's `charge.orientation`; random platelets by default."""
-        return {"source": "platelets", "length": 12.7, "width": 6.35, "wall_softness": 0.35}
+        return {"source": "platelets", "length": 12.7, "width": 6.35, "wall_softness": 0.38}
 
     def material(self) -> dict[str, Any]:
         """Return J's material as a scene's `material` (section III.B): anisotropy ratio 61,215."""
