@@ -50,7 +50,8 @@ def tool_gaps(tools: ToolSet, low: ArrayLike, high: ArrayLike, end_time: float) 
 
     At a sample point the two distances add up to the gap wherever the normals are opposed, whichever tool the point
     is in. Tools whose walls meet at an angle may overlap outside the cavity and often must; they are no pair here.
-    Pairs that do not move towards or past each other are left out unless both are planes.
+    Pairs that do not move towards or past each other are left out unless both are planes. Points that start inside a
+    tool, such as those under a sheet on a punch, are left out too, unless all do.
 
     Parameters
     ----------
@@ -63,6 +64,8 @@ def tool_gaps(tools: ToolSet, low: ArrayLike, high: ArrayLike, end_time: float) 
     """
     axes = [np.linspace(a, b, SAMPLES_ALONG) for a, b in zip(np.asarray(low), np.asarray(high), strict=True)]
     points = np.ascontiguousarray(np.array(np.meshgrid(*axes, indexing="ij")).reshape(3, -1).T, dtype=float)
+    clear = tools.clearance(points)[0] >= 0.0
+    points = points[clear] if clear.any() else points
     smallest: dict[tuple[int, int], Gap] = {}
     planes = tools.arrays.kind == PLANE
     times = _instants(tools, end_time)

@@ -1,0 +1,155 @@
+"""What `ppmc check` says about a flow simulation before it runs: tools, stiffness, inertia, cost, the exact answer."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ppmc.geometry.tool_checks import check_tools_apart
+from ppmc.geometry.toolset import compile_tools
+from ppmc.scene.materials.relations import axial_viscosity
+from ppmc.solver.estimates import (
+    Charge,
+    NarrowPlace,
+    Plan,
+    describe_charge,
+    explicit_steps,
+    implicit_steps,
+    make_plan,
+    narrow_places,
+)
+from ppmc.solver.homogeneous import Squeeze, homogeneous_squeeze
+
+if TYPE_CHECKING:
+    from ppmc.scene import Scene
+
+# Measured (docs/benchmarks/solver.md): most bytes a particle held at once, particle-steps a core-second of an explicit
+# step and of one operator product, and products in an implicit step.
+BYTES_PER_PARTICLE = {"explicit": 2400, "implicit": 4000}
+EXPLICIT_STEPS_PER_SECOND = 0.58e6
+PRODUCTS_PER_SECOND = 1.43e6
+PRODUCTS_PER_STEP = (60, 200)
+# Steps of charges with mixed platelets and of fills over those of an even squeeze of the same closure.
+UNEVEN = 20.0
+LEAST_BULK_RATIO = 33.0  # K over eta11 x rate for 1 % of volume error (docs/theory.md, from A5)
+MOST_REYNOLDS = 0.01  # J, section III.B
+UNSCALED_DENSITY = 1.6e-3  # g/mm^3; J10 counts powers of ten from 1.6
+FEW_SPACINGS = 3.0
+
+
+def findings(scene: Scene) -> list[str]:
+    """Return lines on the sections ``tooling``, ``material`` and ``solver``; nothing is run or written.
+
+    Raises
+    ------
+    SceneError
+        If a section is missing, or tools pass through each other.
+    InputFileError
+        If a tool's file is no closed surface.
+    """
+    settings, material = scene.require("solver"), scene.require("material")
+    tools = compile_tools(scene.require("tooling"), scene.directory)
+    if scene.charge is None:
+        return ["no section charge: stiffness, steps and cost depend on the charge's size and are not known"]
+    charge = describe_charge(scene.charge, scene, tools)
+    check_tools_apart(tools, charge.low, charge.high, settings.end_time)
+    closing, fixed = narrow_places(tools, charge, settings.end_time)
+    plan = make_plan(settings, material, tools, charge, closing)
+    exact = homogeneous_squeeze(scene, tools)
+    lines = [_closure(plan), _stiffness(plan, material)]
+    if plan.density > 0.0:
+        lines.append(_inertia(plan, material))
+    lines += _cost(settings, material, plan, charge, exact)
+    if fixed is not None:
+        lines.append(_narrow(fixed, charge))
+    return lines + (_exact(exact) if exact is not None else [])
+
+
+def _closure(plan: Plan) -> str:
+    """Return how fast the tools close, and how many layers of particles are between them."""
+    if plan.speed == 0.0:
+        return "no tool moves: nothing drives the flow"
+    return (
+        f"tools close at {plan.speed:.4g} mm/s on {plan.thickness:.4g} mm of charge, {plan.rate:.3g} 1/s at the start; "
+        f"{plan.layers} layers of particles"
+    )
+
+
+def _stiffness(plan: Plan, material: Any) -> str:
+    """Return K, and what it means for the volume (A5)."""
+    axial = axial_viscosity(material.ratio, material.shear)
+    ratio = plan.bulk_modulus / (axial * plan.final_rate)
+    told = (
+        f"bulk modulus K = {plan.bulk_modulus:.4g} Pa, {ratio:.3g} x eta11 x closing rate of {plan.final_rate:.3g} 1/s "
+        f"at the end: volume errors of about {100.0 / (3.0 * ratio):.2g} %"
+    )
+    if ratio < LEAST_BULK_RATIO:
+        return f"{told}; too soft, 1 % needs {LEAST_BULK_RATIO:.0f}: raise solver.bulk_modulus or solver.bulk_ratio"
+    return told
+
+
+def _inertia(plan: Plan, material: Any) -> str:
+    """Return the scaled density and the Reynolds number (J10, J12)."""
+    speed = max(plan.speed, plan.rate * plan.thickness)
+    reynolds = plan.density * speed * plan.thickness / ((material.ratio + 2.0) * material.shear)
+    told = (
+        f"density {plan.density:.4g} g/mm^3, {plan.density / UNSCALED_DENSITY:.3g} x unscaled "
+        f"(1.6e{math.log10(plan.density / 1.6):+.2f}): Reynolds number {reynolds:.3g}"
+    )
+    if reynolds > MOST_REYNOLDS * (1.0 + 1e-9):
+        return f"{told}; above {MOST_REYNOLDS:g} inertia shows: lower solver.reynolds_number or solver.density"
+    return told
+
+
+def _cost(settings: Any, material: Any, plan: Plan, charge: Charge, exact: Squeeze | None) -> list[str]:
+    """Return steps, memory and a rough CPU time."""
+    lines = []
+    if settings.integrator == "explicit":
+        viscous, acoustic, used = explicit_steps(material, plan, float(np.cbrt(np.prod(charge.spacing))))
+        steps = math.ceil(settings.end_time / used)
+        lines.append(
+            f"explicit: stable steps {viscous:.3g} s (viscous), {acoustic:.3g} s (acoustic, Courant), "
+            f"together {used:.3g} s: about {steps:,} steps"
+        )
+        hours = [steps * charge.count / EXPLICIT_STEPS_PER_SECOND / 3600.0]
+    else:
+        steps = implicit_steps(settings, plan)
+        most = steps if exact is not None and exact.even else round(steps * UNEVEN)
+        uneven = "" if most == steps else f"; up to {most:,} where neighbours move apart (mixed platelets, fills)"
+        lines.append(f"implicit: about {steps:,} steps if the flow is even{uneven}")
+        hours = [
+            count * products * charge.count / PRODUCTS_PER_SECOND / 3600.0
+            for count, products in zip((steps, most), PRODUCTS_PER_STEP, strict=True)
+        ]
+    memory = charge.count * BYTES_PER_PARTICLE[settings.integrator] / 2**20
+    spent = " to ".join(_duration(h) for h in hours)
+    return [*lines, f"about {memory:,.0f} MiB beside the program, and roughly {spent} on one core"]
+
+
+def _narrow(place: NarrowPlace, charge: Charge) -> str:
+    """Return how many particles fit between two tools that do not close."""
+    spacings = place.width / float(np.cbrt(np.prod(charge.spacing)))
+    told = f"'{place.first}' and '{place.second}' leave {place.width:.4g} mm, {spacings:.2g} particle spacings"
+    return f"{told}: too few for a profile, take a finer charge.spacing" if spacings < FEW_SPACINGS else told
+
+
+def _duration(hours: float) -> str:
+    """Return a time in words."""
+    if hours < 1 / 60:
+        return f"{3600.0 * hours:.2g} s"
+    return f"{60.0 * hours:.2g} min" if hours < 1.0 else f"{hours:.3g} h"
+
+
+def _exact(exact: Squeeze) -> list[str]:
+    """Return the closed-form answer."""
+    (begin, first), (end, last) = exact.forces
+    stretches = ", ".join(f"{value:.5g} ({name})" for name, value in exact.stretches.items())
+    lines = [
+        f"homogeneous squeeze of a {exact.kind}: exact stretches at the end {stretches}",
+        f"exact press force {first / 1e6:.4g} N at {begin:.4g} s, {last / 1e6:.4g} N at {end:.4g} s",
+    ]
+    if exact.orientation is not None:
+        lines.append("exact A at the end: diagonal " + ", ".join(f"{value:.4g}" for value in exact.orientation))
+    return lines

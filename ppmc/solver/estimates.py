@@ -1,0 +1,246 @@
+"""What can be said of a run before its charge is made: its size, the constants it would use, steps, narrow places."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmc.errors import SceneError
+from ppmc.geometry.cavity import cavity_volume
+from ppmc.geometry.domain import closed_domain
+from ppmc.geometry.toolset import ToolSet
+from ppmc.scene.charge import BoxDomain, ChargeSection, DrapedDomain
+from ppmc.scene.materials.relations import axial_viscosity
+from ppmc.solver.explicit import SAFETY
+from ppmc.solver.setup import closing_motion
+from ppmc.solver.time_step import event_times
+
+if TYPE_CHECKING:
+    from ppmc.scene import Scene
+
+Array = NDArray[np.float64]
+
+# Strain rate (root of D:D) of a squeeze over its closing rate: 1.22 where it flows both ways, 1.41 where one way.
+STRAIN_PER_CLOSURE = 1.3
+# The largest eigenvalue of viscous operator over mass is 4 (SHEAR eta23 + AXIAL eta11) / (rho h^2), measured on
+# lattices of R = 1 to 61,215.
+SHEAR_SHARE, AXIAL_SHARE = 0.37, 0.26
+SAMPLES = 25
+OPPOSED = -0.9  # cosine between the normals of tools that face each other
+
+
+@dataclass(frozen=True)
+class Charge:
+    """What is known of the charge before it is made.
+
+    Attributes
+    ----------
+    count : float
+        Number of particles.
+    spacing : ndarray, shape (3,)
+        Particle spacing, mm.
+    low, high : ndarray, shape (3,)
+        Bounds, mm; of a draped sheet estimated.
+    sheet : (float, int) or None
+        Thickness, mm, and layers of a draped sheet; None for all others.
+    """
+
+    count: float
+    spacing: Array
+    low: Array
+    high: Array
+    sheet: tuple[float, int] | None = None
+
+    @property
+    def corners(self) -> Array:
+        """Centres of the outermost particles, shape (8, 3), mm."""
+        ends = np.array([self.low + 0.5 * self.spacing, self.high - 0.5 * self.spacing])
+        ends = np.sort(ends, axis=0)
+        return np.array([[ends[i, 0], ends[j, 1], ends[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Constants that a run of the scene would use.
+
+    Attributes
+    ----------
+    speed : float
+        Largest speed of a tool, mm/s.
+    thickness : float
+        Extent of the charge along that motion, mm.
+    layers : int
+        Layers of particles in that extent, or of a draped sheet.
+    compression : float
+        Thickness over the narrowest gap that the tools leave at the end.
+    rate, final_rate : float
+        Closing rates at the start and where tools have come closest, 1/s.
+    bulk_modulus, density : float
+        K, Pa, and scaled density, g/mm^3.
+    """
+
+    speed: float
+    thickness: float
+    layers: int
+    compression: float
+    rate: float
+    final_rate: float
+    bulk_modulus: float
+    density: float
+
+
+@dataclass(frozen=True)
+class NarrowPlace:
+    """The least distance between two tools that face each other in the cavity.
+
+    Attributes
+    ----------
+    first, second : str
+        Their names.
+    width : float
+        Their distance, mm.
+    """
+
+    first: str
+    second: str
+    width: float
+
+
+def describe_charge(section: ChargeSection, scene: Scene, tools: ToolSet) -> Charge:
+    """Return what the scene says of its charge.
+
+    Raises
+    ------
+    SceneError
+        If a draped sheet misses its tool.
+    """
+    domain = section.domain
+    if isinstance(domain, BoxDomain):
+        low, size = np.array(domain.origin), np.array(domain.size)
+        volume = float(np.prod(size))
+    elif isinstance(domain, DrapedDomain):
+        low, high = _draped_bounds(domain, tools)
+        size, volume = high - low, float(np.prod(domain.size))
+    else:
+        solid = closed_domain(domain, scene.directory)
+        low, size, volume = solid.bounds[0], solid.bounds[1] - solid.bounds[0], solid.volume
+    box = np.array(domain.size) if isinstance(domain, DrapedDomain) else size
+    cells = np.maximum(np.floor(box / np.array(section.spacing) + 0.5 + 1e-9), 1.0)
+    cells[2] = section.layers or cells[2]
+    spacing = box / cells
+    sheet = (float(box[2]), int(cells[2])) if isinstance(domain, DrapedDomain) else None
+    return Charge(volume / float(np.prod(spacing)), spacing, low, low + size, sheet)
+
+
+def make_plan(settings: Any, material: Any, tools: ToolSet, charge: Charge, closest: NarrowPlace | None) -> Plan:
+    """Return the constants of a run, as :func:`ppmc.solver.setup.prepare` chooses them.
+
+    `closest` is the narrowest place between tools that move against each other, at the end.
+    """
+    speed, thickness = closing_motion(tools, charge.corners, charge.spacing, settings.end_time)
+    rate = settings.strain_rate or (speed / thickness if speed > 0.0 else 1.0)
+    squeeze_viscosity = (material.ratio + 2.0) * material.shear
+    bulk = settings.bulk_modulus or settings.bulk_ratio * squeeze_viscosity * rate
+    density = settings.density or 0.0
+    if settings.density is None and settings.reynolds_number > 0.0:
+        density = settings.reynolds_number * squeeze_viscosity / (max(speed, rate * thickness) * thickness)
+    final_rate = rate if closest is None else max(rate, speed / closest.width)
+    step = float(np.linalg.norm(charge.spacing * _direction(tools, settings.end_time)))
+    squeezed, layers = charge.sheet or (thickness, round(thickness / step))
+    compression = 1.0 if closest is None else max(1.0, squeezed / closest.width)
+    return Plan(speed, thickness, layers, compression, rate, final_rate, bulk, density)
+
+
+def _direction(tools: ToolSet, end: float) -> Array:
+    """Return the direction in which a tool goes farthest, or is pushed; x3 if none moves."""
+    for forced in tools.motions.forced:
+        return forced.direction
+    moved = tools.offsets(end)
+    farthest = moved[int(np.argmax(np.linalg.norm(moved, axis=1)))]
+    length = float(np.linalg.norm(farthest))
+    return farthest / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
+
+
+def explicit_steps(material: Any, plan: Plan, spacing: float) -> tuple[float, float, float]:
+    """Return the stable steps, s, of the explicit integrator: viscous, acoustic, and the one that it would take."""
+    mixed = SHEAR_SHARE * material.shear + AXIAL_SHARE * axial_viscosity(material.ratio, material.shear)
+    viscous = plan.density * spacing**2 / (2.0 * mixed)
+    acoustic = spacing * math.sqrt(plan.density / plan.bulk_modulus)
+    return viscous, acoustic, SAFETY / (1.0 / viscous + 1.0 / acoustic)
+
+
+def implicit_steps(settings: Any, plan: Plan) -> int:
+    """Return about how many implicit steps an even flow takes."""
+    outputs = event_times(
+        settings.end_time, settings.output_interval or settings.end_time / 20.0, settings.output_times or ()
+    )
+    strain = STRAIN_PER_CLOSURE * math.log(plan.compression)
+    per_step = min(settings.max_strain_increment, 4.0 * settings.max_displacement)
+    longest = settings.max_time_step or math.inf
+    return max(len(outputs), math.ceil(strain / per_step), math.ceil(settings.end_time / longest))
+
+
+def narrow_places(tools: ToolSet, charge: Charge, end: float) -> tuple[NarrowPlace | None, NarrowPlace | None]:
+    """Return the narrowest places at the end: between tools that move against each other, and between those at rest.
+
+    Each is None where there is none, or no space is left free. Widths are met to about 1/25 of the cavity.
+    """
+    at = [np.linspace(a, b, 9) for a, b in zip(charge.low, charge.high, strict=True)]
+    seeds = np.stack(np.meshgrid(*at, indexing="ij"), axis=-1).reshape(-1, 3)
+    try:
+        cavity = cavity_volume(tools, seeds, end, spacing=float(np.max(charge.high - charge.low)) / SAMPLES)
+    except SceneError:
+        return None, None
+    low, high = cavity.bounds if cavity.closed else (charge.low, charge.high)
+    at = [np.linspace(a, b, SAMPLES) for a, b in zip(low, high, strict=True)]
+    points = np.stack(np.meshgrid(*at, indexing="ij"), axis=-1).reshape(-1, 3)
+    phi, normals = tools.distances(points, end)
+    free = np.flatnonzero(phi.min(axis=0) > 0.0)
+    if len(free) == 0:
+        return None, None
+    phi, normals = phi[:, free], normals[:, free]
+    nearest, k = np.argmin(phi, axis=0), np.arange(len(free))
+    opposed = np.einsum("tnc,nc->tn", normals, normals[nearest, k]) < OPPOSED
+    moved = tools.offsets(end)
+    against = np.any(np.abs(moved[:, None] - moved[nearest][None]) > 1e-9, axis=2)
+    found = []
+    for chosen in (opposed & against, opposed & ~against):
+        width = np.where(chosen, phi, math.inf) + phi[nearest, k]
+        tool, where = np.unravel_index(int(np.argmin(width)), width.shape)
+        names = tools.names[int(nearest[where])], tools.names[int(tool)]
+        least = float(width[tool, where])
+        found.append(NarrowPlace(*names, least) if math.isfinite(least) else None)
+    return found[0], found[1]
+
+
+def _draped_bounds(domain: DrapedDomain, tools: ToolSet) -> tuple[Array, Array]:
+    """Return about the box that a sheet takes on its tool: its flat outline, where a drop along `down` meets the tool.
+
+    Raises
+    ------
+    SceneError
+        If it misses the tool.
+    """
+    down = np.array(domain.down)
+    along = np.array(domain.along) - float(np.dot(domain.along, down)) * down
+    along /= np.linalg.norm(along)
+    across = np.cross(down, along)
+    u, v = (np.linspace(-0.5, 0.5, SAMPLES) * size for size in domain.size[:2])
+    flat = (u[:, None, None] * along + v[:, None] * across).reshape(-1, 3)
+    reach = 2.0 * max(domain.size)
+    tool = tools.names.index(domain.tool)
+    points = np.array(domain.centre) + flat - reach * down
+    for _ in range(200):
+        phi = tools.distances(points)[0][tool]
+        points = points + np.minimum(phi, 4.0 * reach)[:, None] * down
+    met = np.abs(tools.distances(points)[0][tool]) < 1e-3 * domain.size[2]
+    if not met.any():
+        raise SceneError(f"charge.domain: the sheet misses tool '{domain.tool}'; move `centre` or turn `down`")
+    lower = points[met]
+    upper = lower - domain.size[2] * down
+    both = np.concatenate([lower, upper])
+    return both.min(axis=0), both.max(axis=0)
