@@ -13,20 +13,22 @@ from ppmc.analysis.regions import Region
 from ppmc.analysis.rendering import probe
 from ppmc.analysis.sources import Source
 from ppmc.errors import InputFileError
+from ppmc.geometry.charge_bounds import charge_bounds
+from ppmc.geometry.toolset import compile_tools
 
 if TYPE_CHECKING:
     from ppmc.scene import Scene
 
 
 def findings(scene: Scene) -> list[str]:
-    """Return lines on the section ``analysis``; nothing is read but the mesh, nothing is written.
+    """Return lines on the section ``analysis``; meshes and surfaces are read, nothing is written.
 
     Raises
     ------
     InputFileError
-        If the scene names a mesh or a mask that cannot be read.
+        If the scene names a mesh, a mask or a charge's surface that cannot be read.
     SceneError
-        If a path contradicts itself.
+        If a path contradicts itself, or a draped charge misses its tool.
     """
     section = scene.analysis
     if section is None:
@@ -34,11 +36,13 @@ def findings(scene: Scene) -> list[str]:
     lines = []
     bounds = _charge_bounds(scene)
     regions = build_regions(section)[1:]
-    stand_in = _stand_in(bounds)
-    paths = [build_path(name, spec, [stand_in]) for name, spec in section.every_path.items()] if bounds else []
-    count = sum(len(path) for path in paths)
-    lines.append(f"{len(regions)} regions, {len(section.every_path)} paths with {count} inspection regions")
-    if bounds is not None:
+    told = f"{len(regions)} regions, {len(section.every_path)} paths"
+    if bounds is None:
+        lines.append(told)
+    else:
+        stand_in = _stand_in(bounds)
+        count = sum(len(build_path(name, spec, [stand_in])) for name, spec in section.every_path.items())
+        lines.append(f"{told} with {count} inspection regions")
         away = [region.name for region in regions if not _meets(region, *bounds)]
         if away:
             lines.append(f"at the start no material is in region {', '.join(away)}: fine if the flow gets there")
@@ -68,18 +72,16 @@ def findings(scene: Scene) -> list[str]:
 
 
 def _charge_bounds(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the bounds of a box-shaped charge; None where the charge is of another shape or not described."""
-    domain = getattr(scene.charge, "domain", None)
-    size = getattr(domain, "size", None)
-    if size is None:
+    """Return the bounds of the charge; None where the scene does not describe one."""
+    if scene.charge is None:
         return None
-    low = np.array(getattr(domain, "origin", (0.0, 0.0, 0.0)), dtype=float)
-    return low, low + np.array(size, dtype=float)
+    tools = compile_tools(scene.tooling, scene.directory) if scene.tooling else None
+    return charge_bounds(scene.charge.domain, tools, scene.directory)
 
 
-def _stand_in(bounds: tuple[np.ndarray, np.ndarray] | None) -> Source:
+def _stand_in(bounds: tuple[np.ndarray, np.ndarray]) -> Source:
     """Return a source without points that has the charge's extent, to lay open-ended paths through."""
-    low, high = bounds or (np.zeros(3), np.ones(3))
+    low, high = bounds
     return Source("charge", "charge", None, 1, low, high, 1.0, lambda: iter(()))
 
 

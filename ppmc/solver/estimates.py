@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ppmc.errors import SceneError
 from ppmc.geometry.cavity import cavity_volume
+from ppmc.geometry.charge_bounds import charge_bounds
 from ppmc.geometry.domain import closed_domain
 from ppmc.geometry.toolset import ToolSet
 from ppmc.scene.charge import BoxDomain, ChargeSection, DrapedDomain
@@ -119,21 +120,18 @@ def describe_charge(section: ChargeSection, scene: Scene, tools: ToolSet) -> Cha
         If a draped sheet misses its tool.
     """
     domain = section.domain
-    if isinstance(domain, BoxDomain):
-        low, size = np.array(domain.origin), np.array(domain.size)
-        volume = float(np.prod(size))
-    elif isinstance(domain, DrapedDomain):
-        low, high = _draped_bounds(domain, tools)
-        size, volume = high - low, float(np.prod(domain.size))
+    if isinstance(domain, BoxDomain | DrapedDomain):
+        low, high = charge_bounds(domain, tools, scene.directory)
+        volume = float(np.prod(domain.size))
     else:
         solid = closed_domain(domain, scene.directory)
-        low, size, volume = solid.bounds[0], solid.bounds[1] - solid.bounds[0], solid.volume
-    box = np.array(domain.size) if isinstance(domain, DrapedDomain) else size
+        (low, high), volume = solid.bounds, solid.volume
+    box = np.array(domain.size) if isinstance(domain, DrapedDomain) else high - low
     cells = np.maximum(np.floor(box / np.array(section.spacing) + 0.5 + 1e-9), 1.0)
     cells[2] = section.layers or cells[2]
     spacing = box / cells
     sheet = (float(box[2]), int(cells[2])) if isinstance(domain, DrapedDomain) else None
-    return Charge(volume / float(np.prod(spacing)), spacing, low, low + size, sheet)
+    return Charge(volume / float(np.prod(spacing)), spacing, low, high, sheet)
 
 
 def make_plan(settings: Any, material: Any, tools: ToolSet, charge: Charge, closest: NarrowPlace | None) -> Plan:
@@ -215,32 +213,3 @@ def narrow_places(tools: ToolSet, charge: Charge, end: float) -> tuple[NarrowPla
         least = float(width[tool, where])
         found.append(NarrowPlace(*names, least) if math.isfinite(least) else None)
     return found[0], found[1]
-
-
-def _draped_bounds(domain: DrapedDomain, tools: ToolSet) -> tuple[Array, Array]:
-    """Return about the box that a sheet takes on its tool: its flat outline, where a drop along `down` meets the tool.
-
-    Raises
-    ------
-    SceneError
-        If it misses the tool.
-    """
-    down = np.array(domain.down)
-    along = np.array(domain.along) - float(np.dot(domain.along, down)) * down
-    along /= np.linalg.norm(along)
-    across = np.cross(down, along)
-    u, v = (np.linspace(-0.5, 0.5, SAMPLES) * size for size in domain.size[:2])
-    flat = (u[:, None, None] * along + v[:, None] * across).reshape(-1, 3)
-    reach = 2.0 * max(domain.size)
-    tool = tools.names.index(domain.tool)
-    points = np.array(domain.centre) + flat - reach * down
-    for _ in range(200):
-        phi = tools.distances(points)[0][tool]
-        points = points + np.minimum(phi, 4.0 * reach)[:, None] * down
-    met = np.abs(tools.distances(points)[0][tool]) < 1e-3 * domain.size[2]
-    if not met.any():
-        raise SceneError(f"charge.domain: the sheet misses tool '{domain.tool}'; move `centre` or turn `down`")
-    lower = points[met]
-    upper = lower - domain.size[2] * down
-    both = np.concatenate([lower, upper])
-    return both.min(axis=0), both.max(axis=0)

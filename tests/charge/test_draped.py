@@ -13,10 +13,13 @@ from ppmc.charge.stage import run
 from ppmc.charge.surface_normals import distance_of, local_frames, regional_frames
 from ppmc.errors import SceneError
 from ppmc.files import read_particles
+from ppmc.geometry.charge_bounds import charge_bounds
 from ppmc.geometry.parts import DoubleDome
+from ppmc.geometry.toolset import compile_tools
 from ppmc.orientation import angle_between_axes, orientation_tensor
 from ppmc.scene.charge import DrapedDomain, RegionalOrientation
 from ppmc.scene.loader import parse_scene
+from ppmc.scene.scene import Scene
 from ppmc.scene.tooling import Tool
 
 TOOLING = TypeAdapter(dict[str, Tool])
@@ -208,3 +211,16 @@ def test_draped_scenes_run(orientation, code, tmp_path):
     assert charge.fields["volume"].sum() == pytest.approx(600)
     outward = charge.positions * [0, 1, 1]
     assert np.percentile(angle_between_axes(charge.fields["platelet_normal"], outward), 99) < 2
+
+
+@pytest.mark.parametrize("charge", ["transverse", "axial"])
+def test_estimated_bounds_hold_the_sheet_and_reach_as_high(charge):
+    sections = DoubleDome(charge=charge).scene_sections()
+    sections["charge"]["spacing"] = 6.0
+    scene = Scene.model_validate({"name": "dome", **sections})
+    domain = scene.charge.domain
+    low, high = charge_bounds(domain, compile_tools(scene.tooling), scene.directory)
+    sheet = flat_sheet(domain, scene.charge.spacing, 2)
+    formed = drape(domain, sheet, distance_of(domain.tool, scene.tooling, scene.directory, "charge")).positions
+    assert np.all(formed.min(axis=0) >= low) and np.all(formed.max(axis=0) <= high)
+    assert high[1] - formed[:, 1].max() < 0.51 * domain.size[2]
