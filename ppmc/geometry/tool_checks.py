@@ -17,6 +17,8 @@ from ppmc.geometry.toolset import ToolSet
 FloatArray = NDArray[np.float64]
 
 OPPOSED = -0.9
+# Cosine between a face's normal and a motion above which the motion opens or closes what lies before the face.
+ALONG = 0.3
 SAMPLES_ALONG = 12
 INSTANTS = 4
 MOST_KNOTS = 50
@@ -50,8 +52,9 @@ def tool_gaps(tools: ToolSet, low: ArrayLike, high: ArrayLike, end_time: float) 
 
     At a sample point the two distances add up to the gap wherever the normals are opposed, whichever tool the point
     is in. Tools whose walls meet at an angle may overlap outside the cavity and often must; they are no pair here.
-    Pairs that do not move towards or past each other are left out unless both are planes. Points that start inside a
-    tool, such as those under a sheet on a punch, are left out too, unless all do.
+    Faces that slide along each other are none either, such as a ram's in walls that it reaches into, nor are tools that
+    rest unless both are planes. Points that start inside a tool, such as those under a sheet on a punch, are left out,
+    unless all do.
 
     Parameters
     ----------
@@ -74,9 +77,15 @@ def tool_gaps(tools: ToolSet, low: ArrayLike, high: ArrayLike, end_time: float) 
         phi, normals = signed_distances(tools.arrays, tools.offsets(time), points)
         for i in range(len(tools)):
             for j in range(i + 1, len(tools)):
-                if not (planes[i] and planes[j]) and np.ptp(paths[:, i] - paths[:, j], axis=0).max() == 0.0:
+                relative = paths[:, i] - paths[:, j]
+                way = relative - relative[0]
+                way = way[int(np.argmax(np.linalg.norm(way, axis=1)))]
+                moves = float(np.linalg.norm(way))
+                if moves == 0.0 and not (planes[i] and planes[j]):
                     continue
                 facing = np.einsum("nc,nc->n", normals[i], normals[j]) < OPPOSED
+                if moves > 0.0:
+                    facing &= np.abs(normals[i] @ way) > ALONG * moves
                 if not facing.any():
                     continue
                 total = np.where(facing, phi[i] + phi[j], math.inf)

@@ -131,6 +131,27 @@ def test_tools_that_overlap_at_the_start(make_tools: Callable[..., ToolSet]) -> 
         check_tools_apart(tools, [0, 0, 0], [20, 10, 6], end_time=1.0)
 
 
+def test_a_ram_that_reaches_into_side_walls_closes_on_the_plate_alone(make_tools: Callable[..., ToolSet]) -> None:
+    ram = {"shape": "box", "center": [10, 5, 14], "size": [24, 14, 16], "motion": {"velocity": [0, 0, -1]}}
+    tools = make_tools({"low": LOW, "ram": ram, "sides": SIDES})
+    check_tools_apart(tools, [0, 0, 0], [20, 10, 6], end_time=5.5)
+    with pytest.raises(SceneError, match="'low' and 'ram' overlap"):
+        check_tools_apart(tools, [0, 0, 0], [20, 10, 6], end_time=6.5)
+
+
+def test_tools_under_a_sheet_on_a_punch_may_overlap(make_tools: Callable[..., ToolSet]) -> None:
+    # The die's cavity ends at the punch's foot, but the punch goes on below it.
+    punch = {"shape": "box", "center": [0, 0, 0], "size": [20, 20, 20]}
+    die = {"shape": "box", "center": [0, 0, 14], "size": [26, 26, 20], "inside": True}
+    die["motion"] = {"velocity": [0, 0, -1], "travel": 9}
+    tools = make_tools({"punch": punch, "die": die})
+    box = [-13, -13, 4], [13, 13, 14]
+    check_tools_apart(tools, *box, end_time=9.0)
+    deeper = make_tools({"punch": punch, "die": {**die, "motion": {"velocity": [0, 0, -1], "travel": 15}}})
+    with pytest.raises(SceneError, match="'punch' and 'die' overlap by 1 mm"):
+        check_tools_apart(deeper, *box, end_time=15.0)
+
+
 def test_charge_inside_a_tool(make_tools: Callable[..., ToolSet]) -> None:
     tools = make_tools({"low": LOW, "ram": RAM, "sides": SIDES})
     check_charge_clear(tools, [[0.5, 0.5, 0.5], [1.0, 9.5, 5.5]])

@@ -216,6 +216,9 @@ solver: {end_time: 1, output_interval: 1}
     mean = done.stretch.mean(axis=0)
     assert mean[0, 0] == pytest.approx(answer.stretches["along the fibres"], rel=0.01)
     assert mean[1, 1] == pytest.approx(answer.stretches["across them"], rel=0.01)
+    # Forces of a step belong to its middle.
+    later = done.compression**2 / 4.0
+    assert done.press_force == pytest.approx(answer.forces[1][1] * later, rel=0.03)
     tools = compile_tools(scene.tooling)
     charge = describe_charge(scene.charge, scene, tools)
     plan = make_plan(scene.solver, scene.material, tools, charge, narrow_places(tools, charge, 1.0)[0])
