@@ -11,12 +11,14 @@ from ppmc.scene.units import PositiveDensity, PositivePressure, PositiveStrainRa
 
 
 class ZeroEnergyControl(Section):
-    """Stiffness of modes that averaged gradients do not see, in units of the physical stiffness."""
+    """Stiffness of modes that averaged gradients do not see, in units of the material's own."""
 
     isotropic: float = Field(default=1.0, ge=0)
     """Share of the shear viscosity."""
-    volumetric: float = Field(default=0.3, ge=0)
-    """Share of the bulk stiffness, along the bond."""
+    bond: float = Field(default=2.0, ge=0)
+    """Along the line between two particles, in units of (R + 2)^(5/6) eta23."""
+    smooth_flow: float = Field(default=40.0, ge=0)
+    """More of the same where the flow is smooth over a kernel, in units of eta23: there it can only meet noise."""
     fibre: float = Field(default=0.1, ge=0)
     """Share of the fibre stiffness, along the fibre."""
 
@@ -49,12 +51,12 @@ class SolverSection(Section):
     zero_energy: ZeroEnergyControl = Field(default_factory=ZeroEnergyControl)
     """Control of particle-to-particle modes."""
 
-    volume_correction: float = Field(default=12.0, ge=0)
+    volume_correction: float = Field(default=40.0, ge=0)
     """Rate, for a unit of strain, at which the pressure's volume ratio follows the packing; 0 turns it off."""
 
     bulk_modulus: PositivePressure | None = Field(default=None, examples=["1.31 GPa"])
     """K that keeps the volume, Pa; `bulk_ratio` decides if left out."""
-    bulk_ratio: float = Field(default=1000.0, gt=0)
+    bulk_ratio: float = Field(default=4000.0, gt=0)
     """K over ((R + 2) eta23 x closing strain rate), the stress of a planar random squeeze."""
     reynolds_number: float = Field(default=0.0, ge=0, le=0.1)
     """Reynolds number of scaled inertia, rho v h / ((R + 2) eta23); 0 leaves inertia out (implicit integrator only)."""

@@ -107,7 +107,9 @@ def _cost(settings: Any, material: Any, plan: Plan, charge: Charge, exact: Squee
     """Return steps, memory and a rough CPU time."""
     lines = []
     if settings.integrator == "explicit":
-        viscous, acoustic, used = explicit_steps(material, plan, float(np.cbrt(np.prod(charge.spacing))))
+        viscous, acoustic, used = explicit_steps(
+            material, settings.zero_energy, plan, float(np.cbrt(np.prod(charge.spacing)))
+        )
         steps = math.ceil(settings.end_time / used)
         lines.append(
             f"explicit: stable steps {viscous:.3g} s (viscous), {acoustic:.3g} s (acoustic, Courant), "

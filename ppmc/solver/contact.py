@@ -18,6 +18,8 @@ import numpy as np
 
 from ppmc.compile_cache import njit, prange
 from ppmc.solver.kernel_shape import full
+from ppmc.solver.neighbours import Pairs
+from ppmc.solver.smoothing import pair_weight
 
 FACES = 3  # faces a particle can touch at once
 HALF_WIDTH_BOUNDS = (0.05, 1.5)  # of the reference half-width
@@ -27,6 +29,7 @@ RETURN = 1.0  # share of the way back to the ideal half-width in a unit of strai
 # 0.945, 0.471 and 0.028; with this share they add up to one, as they do for a gap in the interior.
 WALL_SHARE = 0.53
 LAYER = 0.3  # gap, in half-widths, up to which a particle belongs to the wall layer
+SAME_FACE = 0.94  # cosine above which two normals of a tool are one face
 PARALLEL = 0.05  # sine below which two faces are taken for one
 
 
@@ -72,6 +75,13 @@ class Contacts:
         near = (self.tool >= 0) & (self.gap < LAYER * self.half_width)
         return np.count_nonzero(near | self.active, axis=1)
 
+    def whole_cells(self) -> np.ndarray:
+        """Factor from a face's force on a particle to that on its whole cell, shape (n,).
+
+        A particle in several wall layers resists with a part of its cell only; each tool bears the whole.
+        """
+        return 1.0 / between_wall_layers(np.maximum(self.layers() - 1, 0))
+
     def reactions(self, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Split the tools' forces on the particles (n, 3), Pa mm^2, by face.
 
@@ -85,6 +95,28 @@ class Contacts:
         pressing, forces = np.zeros((len(force), FACES)), np.zeros((len(force), FACES, 3))
         _split_reactions(self.active, self.normal, force, pressing, forces)
         return pressing, forces
+
+    def pressure_around(self, pressing: np.ndarray, pairs: Pairs, smoothing_length: float) -> np.ndarray:
+        """Weighted mean of what presses at each touched face and at those of its neighbours that touch the same one.
+
+        Parameters
+        ----------
+        pressing : ndarray, shape (n, 3)
+            Normal reactions, see :meth:`reactions`.
+        pairs : Pairs
+        smoothing_length : float
+            mm.
+
+        Returns
+        -------
+        ndarray, shape (n, 3); zero where nothing touches.
+        """
+        out = np.zeros_like(pressing)
+        _pressure_around(
+            pairs.start, pairs.count, pairs.index, pairs.weight, pair_weight(0.0, smoothing_length), self.tool,
+            self.normal, self.active, pressing, out,
+        )  # fmt: skip
+        return out
 
     def violations(self, velocities: np.ndarray, time_step: float) -> np.ndarray:
         """Penetration of inactive faces at the end of the step, shape (n, 3), mm; zero where there is none."""
@@ -210,6 +242,24 @@ def _constrain(active, normal, gap, wall_velocity, dt, free, held):
                 held[i, r] += level[b] * basis[b, r]
                 for c in range(3):
                     free[i, r, c] -= basis[b, r] * basis[b, c]
+
+
+@njit(cache=True, parallel=True)
+def _pressure_around(start, count, index, weight, own, tool, normal, active, pressing, out):
+    for i in prange(active.shape[0]):
+        for k in range(active.shape[1]):
+            if not active[i, k]:
+                continue
+            total, mass = own * pressing[i, k], own
+            for slot in range(start[i], start[i] + count[i]):
+                j = index[slot]
+                for m in range(active.shape[1]):
+                    if active[j, m] and tool[j, m] == tool[i, k]:
+                        a, b = normal[i, k], normal[j, m]
+                        if a[0] * b[0] + a[1] * b[1] + a[2] * b[2] > SAME_FACE:
+                            total += weight[slot] * pressing[j, m]
+                            mass += weight[slot]
+            out[i, k] = total / mass
 
 
 @njit(cache=True, parallel=True)

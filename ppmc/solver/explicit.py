@@ -28,7 +28,7 @@ from ppmc.solver.block_jacobi import multiply_blocks
 from ppmc.solver.contact import Contacts, between_wall_layers
 from ppmc.solver.gradient import moments_and_gradient, velocity_gradient
 from ppmc.solver.implicit import ImplicitIntegrator, StepReport, material_power
-from ppmc.solver.kernel_shape import rearrangement_rate
+from ppmc.solver.kernel_shape import rearrangement_rate, smoothness
 from ppmc.solver.neighbours import Pairs
 from ppmc.solver.operator import Operator, assemble
 from ppmc.solver.reductions import dot
@@ -142,16 +142,14 @@ class ExplicitIntegrator(ImplicitIntegrator):
         if model.material.model in materials.NEEDS_NORMALS:
             normals = model.walls.nearest_normals(state.position, time)
         viscosity = materials.evaluate(model.material, state, normals)
-        # Pressure is a given stress here; its zero-energy modes are held with the stiffness of a planar random squeeze.
-        stiffness = (model.material.ratio + 2.0) * viscosity.shear
         control = model.settings.zero_energy
         share = between_wall_layers(state.wall_layers)
         operator = assemble(
-            pairs, state.position, state.volume, viscosity.shear * share, stiffness * share,
+            pairs, state.position, state.volume, viscosity.shear * share, np.zeros(len(state)),
             viscosity.fibre * share[:, None], viscosity.directions,
-            control.isotropic, control.volumetric, control.fibre,
+            control.isotropic, control.bond, control.fibre,
+            control.smooth_flow * smoothness(state.flow_residual) * viscosity.shear * share,
         )  # fmt: skip
-        operator.bulk = np.zeros(len(state))
         self.present = operator
 
     def _estimate_limits(self) -> Limits:
@@ -182,7 +180,7 @@ class ExplicitIntegrator(ImplicitIntegrator):
         """Advance the velocities by the forces of the charge and of the tools."""
         state, model, contacts, rows = self.state, self.model, near.contacts, near.rows
         assert self.present is not None
-        pressure_stress = model.bulk_modulus * (state.pressure_ratio - 1.0) * between_wall_layers(state.wall_layers)
+        pressure_stress = model.bulk_modulus * (state.volume_ratio - 1.0) * between_wall_layers(state.wall_layers)
         opposing = _opposing_force(self.present, state.velocity, pressure_stress)
         velocities = np.empty_like(opposing)
         _kick(state.velocity, opposing, state.volume, dt / model.density, velocities)

@@ -37,7 +37,7 @@ def frame(integrator: ImplicitIntegrator, time: float) -> tuple[np.ndarray, dict
         "volume_ratio": state.volume_ratio,
         "packing": measure_packing(integrator, time),
         "velocity": state.velocity,
-        "pressure": -model.bulk_modulus * (state.pressure_ratio - 1.0),
+        "pressure": -model.bulk_modulus * (state.volume_ratio - 1.0),
         "fibre_stress": np.einsum("na,nab,nb->n", state.fibre_direction, stress, state.fibre_direction),
         "strain_rate": np.sqrt(2.0 / 3.0 * np.einsum("nab,nab->n", deviator, deviator)),
     }

@@ -76,6 +76,27 @@ def velocity_gradient(
     return out
 
 
+def mean_around(pairs: Pairs, values: np.ndarray, where: np.ndarray, own_weight: float) -> np.ndarray:
+    """Weighted means of tensors over each particle and its neighbours.
+
+    Parameters
+    ----------
+    pairs : Pairs
+    values : ndarray, shape (n, 3, 3)
+    where : ndarray, shape (n,), bool
+        Particles of interest; the others keep their values.
+    own_weight : float
+        Weight of the particle itself.
+
+    Returns
+    -------
+    ndarray, shape (n, 3, 3)
+    """
+    out = np.empty_like(values)
+    _mean_around(pairs.start, pairs.count, pairs.index, pairs.weight, values, where, own_weight, out)
+    return out
+
+
 # Rows are first copied into short buffers, one a component, so that the sums over them vectorise. For that the sums
 # must be allowed another order than the one written; nothing else may be. A kernel is optimised once when it is
 # compiled and once more for the cache, and a formula that may be rearranged comes out of the two with other last bits.
@@ -166,6 +187,21 @@ def _moments(start, count, index, weight, x, volume, v, longest, floor, inverse,
             if v.shape[0] > 0:
                 _copy_differences(index, v, i, begin, m, wa, wb, wc)
                 _write_gradient(sum_products(wa, wb, wc, a, da, db, dc, m), inverse, i, gradient)
+
+
+@njit(cache=True, parallel=True)
+def _mean_around(start, count, index, weight, values, where, own, out):
+    for i in prange(values.shape[0]):
+        out[i] = values[i]
+        if where[i]:
+            mass = own
+            out[i] *= own
+            for slot in range(start[i], start[i] + count[i]):
+                for a in range(3):
+                    for b in range(3):
+                        out[i, a, b] += weight[slot] * values[index[slot], a, b]
+                mass += weight[slot]
+            out[i] /= mass
 
 
 @njit(cache=True, parallel=True)

@@ -20,6 +20,7 @@ MOST_ASPECT = 50.0  # of a lattice's axes
 # Share of the strain rate, by which neighbours may leave the affine motion and still count as a lattice; and how many
 # times faster than that rate the logarithm of the shape fades beyond.
 LATTICE_NOISE, FADING = 0.2, 4.0
+TURNING = 0.4  # the same share where the flow turns within a kernel, and residuals are the flow itself
 
 
 def limited(shape: np.ndarray, aspect_limit: float, fade: np.ndarray | float = 0.0) -> np.ndarray:
@@ -82,6 +83,17 @@ def follow_lattice(
     """
     fade = 1.0 - np.exp(-FADING * np.maximum(rearrangement - LATTICE_NOISE * strain, 0.0))
     return limited(six(increment @ full(lattice) @ np.swapaxes(increment, -1, -2)), MOST_ASPECT, fade)
+
+
+def smoothness(flow_residual: np.ndarray) -> np.ndarray:
+    """One where the flow is smooth over a kernel, zero where it turns within one; shape (n,).
+
+    Parameters
+    ----------
+    flow_residual : ndarray, shape (n,)
+        Rate of rearrangement in parts of the strain rate.
+    """
+    return np.clip((TURNING - flow_residual) / (TURNING - LATTICE_NOISE), 0.0, 1.0)
 
 
 def lattice_of(spacing: np.ndarray) -> np.ndarray:

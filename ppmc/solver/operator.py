@@ -3,7 +3,7 @@ r"""The discrete operator: viscous, volumetric and zero-energy forces as the exa
 The power is :math:`E = \tfrac12\sum_i V_i D_i:\sigma_i + E_0` with the zero-energy part
 
 .. math:: E_0 = \tfrac12\sum_i\sum_j a_{ij}\, e_{ij}\cdot H_{ij}\,e_{ij}, \quad e_{ij} = v_j - v_i - L_i x_{ij}, \quad
-   H_{ij} = \chi\eta_{23}V_i I + \frac{V_i}{\mathrm{tr}\,M_i}\Big[c_v K_{\Delta t}\,n n
+   H_{ij} = \chi\eta_{23}V_i I + \frac{V_i}{\mathrm{tr}\,M_i}\Big[c_b (R + 2)^{5/6}\eta_{23}\,n n
    + c_f\sum_k s_k\,(m_k n)(m_k n)\Big],
 
 so that each bond is held with the physical stiffness of the direction it violates (:math:`s_k = 4\eta_{23}(R-1)v_k`,
@@ -126,20 +126,25 @@ class Operator:
 
 def assemble(
     pairs: Pairs, positions: np.ndarray, volumes: np.ndarray, shear: np.ndarray, bulk: np.ndarray, fibre: np.ndarray,
-    directions: np.ndarray, isotropic: float = 1.0, volumetric: float = 0.3, along_fibre: float = 0.1,
+    directions: np.ndarray, isotropic: float = 1.0, bond: float = 2.0, along_fibre: float = 0.1,
+    along_bond: np.ndarray | float = 0.0,
 ) -> Operator:  # fmt: skip
     """Make the operator at `positions`; the arguments are the attributes of :class:`Operator`.
 
     Parameters
     ----------
-    isotropic, volumetric, along_fibre : float
-        Zero-energy control in units of the physical stiffness: chi, c_v and c_f.
+    isotropic, bond, along_fibre : float
+        Zero-energy control: chi in units of the shear viscosity, c_b of :math:`(R + 2)^{5/6}\\eta_{23}`, c_f of the
+        fibre stiffness.
+    along_bond : ndarray, shape (n,), or float
+        Further stiffness along bonds, Pa s.
     """
     inverse, trace, first = moment_inverses(pairs, positions, volumes)
     control = np.empty((len(positions), 2 + fibre.shape[1]))
     per_trace = np.where(trace > 0.0, volumes / np.where(trace > 0.0, trace, 1.0), 0.0)
     control[:, 0] = isotropic * shear * volumes
-    control[:, 1] = volumetric * bulk * per_trace
+    planar = fibre.sum(axis=1) / 4.0 + 3.0 * shear  # (R + 2) eta23: what a planar random squeeze meets
+    control[:, 1] = (bond * (planar**5 * shear) ** (1.0 / 6.0) + along_bond) * per_trace
     control[:, 2:] = along_fibre * fibre * per_trace[:, None]
     return Operator(pairs, positions, volumes, inverse, trace, first, shear, bulk, fibre, directions, control)
 

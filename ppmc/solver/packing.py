@@ -23,12 +23,13 @@ from ppmc.solver.neighbours import Pairs
 from ppmc.solver.smoothing import kernel_value, pair_weight
 
 GAUSS = 0.5 / np.sqrt(3.0)  # places in the cell, in spacings from its centre, at which the sum is sampled
+RATIO_STEP = 0.01  # of h in spacings, between which the sum over a lattice is interpolated
 INTERIOR = 0.93  # packing above which a particle lies inside the material
 
 
 def packing(
     pairs: Pairs, positions: np.ndarray, volumes: np.ndarray, shape: np.ndarray, inverse_shape: np.ndarray,
-    smoothing_length: float, spacing: float, wall_distance: np.ndarray, wall_normal: np.ndarray,
+    smoothing_length: float, spacing: np.ndarray, wall_distance: np.ndarray, wall_normal: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
     """Packing of each particle, shape (n,).
 
@@ -41,8 +42,10 @@ def packing(
         Current volumes, mm^3.
     shape, inverse_shape : ndarray, shape (n, 6)
         Kernel shapes and their inverse, see :mod:`ppmc.solver.kernel_shape`.
-    smoothing_length, spacing : float
+    smoothing_length : float
         mm.
+    spacing : ndarray, shape (n,)
+        Present spacing of a lattice of such cells, the cube root of the current volume, mm.
     wall_distance : ndarray, shape (n, 3)
         Distance of the wall faces within the kernel's support, mm, infinite for none.
     wall_normal : ndarray, shape (n, 3, 3)
@@ -50,10 +53,11 @@ def packing(
     """
     out = np.empty(len(positions))
     _packing(
-        pairs.start, pairs.count, pairs.index, positions, volumes, inverse_shape, GAUSS * spacing * root_shape(shape),
+        pairs.start, pairs.count, pairs.index, positions, volumes, inverse_shape,
+        GAUSS * spacing[:, None, None] * root_shape(shape),
         smoothing_length, wall_distance, wall_normal, out,
     )  # fmt: skip
-    return out / _lattice_packing(round(smoothing_length / spacing, 9))
+    return out / np.interp(smoothing_length / spacing, *_lattice_packings(float(np.median(smoothing_length / spacing))))
 
 
 def interior_mean(pairs: Pairs, values: np.ndarray, interior: np.ndarray, smoothing_length: float) -> np.ndarray:
@@ -67,8 +71,17 @@ def interior_mean(pairs: Pairs, values: np.ndarray, interior: np.ndarray, smooth
     return out
 
 
+def _lattice_packings(middle: float) -> tuple[np.ndarray, np.ndarray]:
+    # The sum over a lattice of spacing one varies by a few parts in a thousand with h. Ratios on a fixed grid, so that
+    # what one particle gets does not depend on the others.
+    low, high = int(middle * 0.8 / RATIO_STEP), int(middle * 1.25 / RATIO_STEP) + 2
+    ratios = RATIO_STEP * np.arange(low, high)
+    return ratios, np.array([_lattice_packing(k) for k in range(low, high)])
+
+
 @functools.cache
-def _lattice_packing(smoothing_ratio: float) -> float:
+def _lattice_packing(number: int) -> float:
+    smoothing_ratio = RATIO_STEP * number
     k = np.arange(-8, 9) - GAUSS
     r2 = (k[:, None, None] ** 2 + k[None, :, None] ** 2 + k[None, None, :] ** 2).ravel()
     return float(sum(kernel_value(float(r), smoothing_ratio) for r in r2))

@@ -49,10 +49,10 @@ class ParticleState:
         Number of faces in whose wall layer the particle is.
     lattice_shape, kernel_shape : ndarray, shape (n, 6)
         Shape tensors C of the local lattice and of the kernel's support, unit determinant.
+    flow_residual : ndarray, shape (n,)
+        Rate at which neighbours leave the motion of the gradient, in parts of the strain rate.
     packing_reference : ndarray, shape (n,)
         Packing of the charge at its start, to which it is held.
-    packing_correction : ndarray, shape (n,)
-        Factor on J in the pressure, see :mod:`ppmc.solver.volume_balance`.
     platelet_id : ndarray, shape (n,)
     original : ndarray, shape (n,)
         Number of the particle in the charge.
@@ -75,8 +75,8 @@ class ParticleState:
     wall_layers: np.ndarray
     lattice_shape: np.ndarray
     kernel_shape: np.ndarray
+    flow_residual: np.ndarray
     packing_reference: np.ndarray
-    packing_correction: np.ndarray
     platelet_id: np.ndarray
     original: np.ndarray
 
@@ -108,18 +108,13 @@ class ParticleState:
             wall_layers=np.zeros(n, dtype=np.int64),
             lattice_shape=lattice.copy(),
             kernel_shape=lattice.copy(),
+            flow_residual=np.zeros(n),
             packing_reference=np.ones(n),
-            packing_correction=np.ones(n),
             platelet_id=np.full(n, -1, dtype=np.int64)
             if platelet_id is None
             else np.array(platelet_id, dtype=np.int64),
             original=np.arange(n),
         )
-
-    @property
-    def pressure_ratio(self) -> np.ndarray:
-        """Volume ratio that makes pressure: J, corrected by what the packing shows; shape (n,)."""
-        return self.volume_ratio * self.packing_correction
 
     def __len__(self) -> int:
         """Return the number of particles."""

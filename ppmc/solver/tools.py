@@ -7,7 +7,7 @@ import numpy as np
 from ppmc.geometry.contacts import find_contacts
 from ppmc.geometry.packed import NAVIER, NO_SLIP
 from ppmc.geometry.toolset import ToolSet
-from ppmc.solver.contact import FACES, Contacts, half_widths, kept_half_widths, starting_half_widths
+from ppmc.solver.contact import FACES, SAME_FACE, Contacts, half_widths, kept_half_widths, starting_half_widths
 from ppmc.solver.forced_tools import ForcedTools
 from ppmc.solver.kernel_shape import full, lattice_of, six
 from ppmc.solver.state import ParticleState
@@ -16,7 +16,6 @@ from ppmc.solver.state import ParticleState
 # closing gap make the rate alternate from step to step; with a tenth, the lag costs an order of accuracy.
 RATE_MEMORY = 0.3
 TREND = RATE_MEMORY / (1.0 - RATE_MEMORY)  # one step ahead of a linear trend, from a mean and the mean of means
-SAME_FACE = 0.94  # cosine above which two normals of a tool are one face
 
 
 @dataclass

@@ -18,7 +18,7 @@ from ppmc.solver.smoothing import SUPPORT
 from ppmc.solver.state import ParticleState
 from ppmc.solver.tools import Walls
 
-DEAD_BAND = 0.01  # error of packing that is left alone: irregular charges read that differently as they deform
+DEAD_BAND = 0.004  # error of packing that is left alone: irregular charges read that differently as they deform
 MOST_WRONG = 0.1  # error of packing beyond which the pull grows no more
 # Ratio of a lattice's aspect to the kernel's, beyond which the kernel no longer resolves the lattice and the sum means
 # little; the pull then fades.
@@ -34,8 +34,8 @@ def measured_packing(
     support = SUPPORT * smoothing_length * longest
     _, _, distance, normal = find_contacts(walls.tools.arrays, walls.offsets(time), state.position, support)
     return packing(
-        pairs, state.position, state.volume * state.pressure_ratio, state.kernel_shape, inverse_shape,
-        smoothing_length, spacing, np.ascontiguousarray(distance[:, :FACES]),
+        pairs, state.position, state.volume * state.volume_ratio, state.kernel_shape, inverse_shape,
+        smoothing_length, spacing * np.cbrt(state.volume_ratio), np.ascontiguousarray(distance[:, :FACES]),
         np.ascontiguousarray(normal[:, :FACES]),
     )  # fmt: skip
 
@@ -54,7 +54,7 @@ def correct_volume(
     Parameters
     ----------
     state : ParticleState
-        Its `packing_correction` is changed.
+        Its `volume_ratio` and the volumetric part of its `deformation_gradient` are changed.
     pairs : Pairs
     found : ndarray, shape (n,)
         Packing.
@@ -72,4 +72,6 @@ def correct_volume(
     wrong = np.clip(np.sign(wrong) * np.maximum(np.abs(wrong) - DEAD_BAND, 0.0), -MOST_WRONG, MOST_WRONG)
     resolved = np.minimum(1.0, RESOLVED * aspect_limit / aspect_ratio(state.lattice_shape)) ** 8
     pull = np.minimum(rate * np.maximum(strain, strain.mean()), 0.5) * resolved * interior
-    state.packing_correction = state.packing_correction * (1.0 - pull * wrong)
+    factor = 1.0 - pull * wrong
+    state.volume_ratio *= factor
+    state.deformation_gradient *= np.cbrt(factor)[:, None, None]

@@ -26,7 +26,7 @@ def make_operator(
     n = len(positions)
     pairs = weigh_pairs(build_list(positions, 2.7, 0.05), positions, 1.3)
     fibre = np.full((n, directions.shape[1]), 4.0 * shear * (ratio - 1.0) / max(directions.shape[1], 1))
-    return assemble(pairs, positions, np.ones(n), np.full(n, shear), np.full(n, bulk), fibre, directions, 1.0, 0.3, 0.1)
+    return assemble(pairs, positions, np.ones(n), np.full(n, shear), np.full(n, bulk), fibre, directions)
 
 
 def dense_matrix(operator: Operator) -> np.ndarray:
@@ -60,7 +60,8 @@ def power_by_definition(operator: Operator, velocities: np.ndarray, h: float = 1
         r = np.linalg.norm(d, axis=1)
         near = np.flatnonzero((r > 0.0) & (r < 2.0 * h))
         d, r = d[near], r[near]
-        a = volumes[near] * wendland_weight(r, h)
+        # Weights are kept in single precision; that rounding aside, both sides are the same to round-off.
+        a = volumes[near] * wendland_weight(r, h).astype(np.float32).astype(np.float64)
         moment = np.einsum("j,ja,jb->ab", a, d, d)
         dv = velocities[near] - velocities[i]
         gradient = np.einsum("j,ja,jb->ab", a, dv, d) @ np.linalg.inv(moment)
@@ -73,7 +74,9 @@ def power_by_definition(operator: Operator, velocities: np.ndarray, h: float = 1
         )
         residual = dv - d @ gradient.T
         normal = d / r[:, None]
-        stiff = 0.3 * operator.bulk[i] * np.einsum("ja,ja->j", normal, residual) ** 2
+        planar = operator.fibre[i].sum() / 4.0 + 3.0 * operator.shear[i]
+        bond = 2.0 * (planar**5 * operator.shear[i]) ** (1.0 / 6.0)
+        stiff = bond * np.einsum("ja,ja->j", normal, residual) ** 2
         for k, p in enumerate(operator.directions[i]):
             m = np.outer(p, p) - np.eye(3) / 3.0
             power += volumes[i] * operator.fibre[i, k] * np.sum(rate * m) ** 2

@@ -257,7 +257,7 @@ def test_explicit_steps_are_those_that_the_integrator_finds(ratio):
     charge = describe_charge(scene.charge, scene, tools)
     plan = make_plan(scene.solver, scene.material, tools, charge, None)
     plan = type(plan)(**{**vars(plan), "density": 0.7, "bulk_modulus": implicit.model.bulk_modulus})
-    viscous, acoustic, used = explicit_steps(implicit.model.material, plan, 1.0)
+    viscous, acoustic, used = explicit_steps(implicit.model.material, implicit.model.settings.zero_energy, plan, 1.0)
     assert limits is not None
     assert viscous == pytest.approx(limits.viscous, rel=0.15)
     assert acoustic == pytest.approx(limits.courant, rel=0.1)

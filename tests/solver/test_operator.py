@@ -28,9 +28,9 @@ def test_power_and_gradient_equal_their_definition(block):
     positions, operator = block
     velocities = np.random.default_rng(3).normal(size=positions.shape)
     power, gradients = power_by_definition(operator, velocities)
-    assert np.sum(velocities * operator.apply(velocities)) == pytest.approx(power, rel=1e-7)
+    assert np.sum(velocities * operator.apply(velocities)) == pytest.approx(power, rel=1e-8)
     found = velocity_gradient(operator.pairs, positions, operator.volumes, operator.inverse, velocities)
-    np.testing.assert_allclose(found, gradients, atol=1e-6)  # the definition's weights are not in single precision
+    np.testing.assert_allclose(found, gradients, atol=3e-7)  # weights may differ in their last single bit
 
 
 @pytest.mark.parametrize("directions", [0, 1, 3])
@@ -78,12 +78,13 @@ def test_linear_field_dissipates_the_material_power_only(block):
     rate = np.broadcast_to(0.5 * (gradient + gradient.T), (len(positions), 3, 3))
     stress = viscous_stress(rate, operator.shear, operator.fibre, operator.directions)
     power = np.sum(rate * stress) + np.sum(operator.bulk) * np.trace(gradient) ** 2
-    assert np.sum(velocities * operator.apply(velocities)) == pytest.approx(power, rel=1e-10)
+    assert np.sum(velocities * operator.apply(velocities)) == pytest.approx(power, rel=1e-8)
 
 
 def test_diagonal_blocks(block):
     _, operator = block
     isotropic = make_operator(operator.positions, np.empty((len(operator.positions), 0, 3)), bulk=0.0)
+    isotropic.control[:, 1] = 0.0
     exact = dense_matrix(isotropic)
     blocks = isotropic.diagonal()
     for i in (0, 33, 119):

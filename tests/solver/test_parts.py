@@ -93,7 +93,7 @@ def test_packing_is_one_inside_and_against_walls_whatever_the_stretch(stretch):
     distance, normal = np.full((len(x), 3), np.inf), np.zeros((len(x), 3, 3))
     distance[:, 0], normal[:, 0] = x[:, 2], [0.0, 0.0, 1.0]
     distance[:, 1], normal[:, 1] = x[:, 0], [1.0, 0.0, 0.0]
-    found = packing(pairs, x, np.ones(len(x)), shape, metric, 1.3, 1.0, distance, normal).reshape(9, 9, 9)
+    found = packing(pairs, x, np.ones(len(x)), shape, metric, 1.3, np.ones(len(x)), distance, normal).reshape(9, 9, 9)
     # Up to the floor, the wall and their common edge; free faces lack the half that lies beyond them.
     np.testing.assert_allclose(found[:5, 4, :5], 1.0, atol=1e-3)
     assert found[4, 4, 8] < 0.85
@@ -107,7 +107,7 @@ def test_packing_sees_crowding_whatever_the_disorder():
         x = (lattice((12, 12, 12)) + rng.uniform(-0.3, 0.3, (1728, 3))) * squeeze
         pairs = weigh_pairs(build_list(x, 2.7, 0.05), x, 1.3)
         none = np.full((len(x), 3), np.inf)
-        found = packing(pairs, x, np.ones(len(x)), shape, shape, 1.3, 1.0, none, np.zeros((len(x), 3, 3)))
+        found = packing(pairs, x, np.ones(len(x)), shape, shape, 1.3, np.ones(len(x)), none, np.zeros((len(x), 3, 3)))
         assert found.reshape(12, 12, 12)[inside].mean() == pytest.approx(squeeze**-3, abs=0.03)
 
 

@@ -218,6 +218,7 @@ def test_vectorised_sweeps_against_the_general_ones(count):
     if count:
         general.fibre[:, 0], general.control[:, 2] = single.fibre[:, 0], single.control[:, 2]
     general.fibre[:, 1], general.control[:, 3] = 0.0, 0.0
+    general.control[:, 1] = single.control[:, 1]
     velocities = np.random.default_rng(4).normal(size=(n, 3))
     expected = general.apply(velocities)
     np.testing.assert_allclose(single.apply(velocities), expected, atol=1e-12 * abs(expected).max())

@@ -76,7 +76,7 @@ def test_volume_above_the_base(filled):
     assert high < 1.07
     assert integrator.model.walls.tools.distances(state.position, end)[0].min() > 0.0
     assert np.linalg.norm(state.position, axis=1).max() < 60.0
-    assert state.pressure_ratio.mean() == pytest.approx(1.0, abs=0.03)
+    assert state.volume_ratio.mean() == pytest.approx(1.0, abs=0.03)
 
 
 @pytest.mark.slow
