@@ -129,12 +129,12 @@ def assemble(
     directions: np.ndarray, isotropic: float = 1.0, bond: float = 2.0, along_fibre: float = 0.1,
     along_bond: np.ndarray | float = 0.0,
 ) -> Operator:  # fmt: skip
-    """Make the operator at `positions`; the arguments are the attributes of :class:`Operator`.
+    r"""Make the operator at `positions`; the arguments are the attributes of :class:`Operator`.
 
     Parameters
     ----------
     isotropic, bond, along_fibre : float
-        Zero-energy control: chi in units of the shear viscosity, c_b of :math:`(R + 2)^{5/6}\\eta_{23}`, c_f of the
+        Zero-energy control: chi in units of the shear viscosity, c_b of :math:`(R + 2)^{5/6}\eta_{23}`, c_f of the
         fibre stiffness.
     along_bond : ndarray, shape (n,), or float
         Further stiffness along bonds, Pa s.
