@@ -86,7 +86,8 @@ def _stiffness(plan: Plan, material: Any) -> str:
         f"at the end: volume errors of about {100.0 / (3.0 * ratio):.2g} %"
     )
     if ratio < LEAST_BULK_RATIO:
-        return f"{told}; too soft, 1 % needs {LEAST_BULK_RATIO:.0f}: raise solver.bulk_modulus or give solver.strain_rate"
+        fix = "raise solver.bulk_modulus or give solver.strain_rate"
+        return f"{told}; too soft, 1 % needs {LEAST_BULK_RATIO:.0f}: {fix}"
     return told
 
 
