@@ -18,7 +18,7 @@ from ppmc.solver import materials
 from ppmc.solver.block_jacobi import restricted_inverse
 from ppmc.solver.coarse_grid import CELL, CoarseGrid, make_grid
 from ppmc.solver.conjugate_gradient import Solution, conjugate_gradient
-from ppmc.solver.contact import Contacts, between_wall_layers
+from ppmc.solver.contact import FACES, Contacts, between_wall_layers
 from ppmc.solver.gradient import mean_around, moment_inverses, velocity_gradient
 from ppmc.solver.kernel_shape import follow_lattice, inverse_shape, limited, rearrangement_rate, smoothness
 from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, cell_order, list_is_stale, weigh_pairs
@@ -33,6 +33,8 @@ from ppmc.solver.volume_balance import correct_volume, measured_packing, referen
 
 SKIN = 0.1  # of the support radius
 RELEASE = 1e-3  # pull, in mean pressing reactions, that releases a contact
+ROUGH = 10.0  # factor on tolerances while it is open which faces touch
+ROUGH_WINDOW, WINDOW = 4, 8  # iterations between estimates of the error
 SCALES = (0.5, 2.0)  # bounds of the correction of reactions by their power
 LEAST_WORK = 0.1  # of the power that the charge takes up: below, reactions are left as they are
 LEAST_STRAIN = 1e-3  # of the mean strain of a step: nothing flows below
@@ -95,6 +97,7 @@ class ImplicitIntegrator:
         self.state = state
         self.neighbours: NeighbourList | None = None
         self.list_shape = np.empty((0, 6))
+        self.measured = np.empty((0, 6)), np.empty((0, 6)), 1.0
 
     @property
     def affine(self) -> bool:
@@ -127,8 +130,15 @@ class ImplicitIntegrator:
     def weigh(self, positions: np.ndarray) -> Pairs:
         """Weighted pairs at positions near the current ones."""
         assert self.neighbours is not None
-        metric = inverse_shape(self.state.kernel_shape)[0] if self.affine else None
+        metric = self.metric()[0] if self.affine else None
         return weigh_pairs(self.neighbours, positions, self.model.smoothing_length, metric)
+
+    def metric(self) -> tuple[np.ndarray, float]:
+        """Inverse shape tensors of the kernels, shape (n, 6), and the longest axis of all; once for each shape."""
+        shape = self.state.kernel_shape
+        if self.measured[0] is not shape:
+            self.measured = shape, *inverse_shape(shape)
+        return self.measured[1:]
 
     def initialise(self, time: float, time_step: float) -> StepReport:
         """Find the velocities at the start (inertia-free only), so that the first step can predict."""
@@ -209,9 +219,12 @@ class ImplicitIntegrator:
         blocks = operator.diagonal() + mass[:, :, None] * np.eye(3)
         velocities = state.velocity
         last = model.settings.contact_passes - 1
-        for attempt in range(last + 1):
+        attempt, rough = 0, 1.0 if last == 0 else ROUGH
+        while True:
             faces = self._friction(contacts, operator)
-            drag, drag_load = faces.sum(axis=1), np.einsum("nkab,nkb->na", faces, contacts.wall_velocity)
+            drag, drag_load = np.zeros_like(blocks), np.zeros_like(load)
+            if len(faces):
+                drag, drag_load = faces.sum(axis=1), np.einsum("nkab,nkb->na", faces, contacts.wall_velocity)
             free, held = contacts.constrain(dt)
             system = VelocitySystem(operator, mass, drag, free, restricted_inverse(blocks + drag, free))
             system.coarse = self._coarse_grid(system, blocks)
@@ -220,8 +233,9 @@ class ImplicitIntegrator:
             system.rigid = free_rigid_modes(operator.positions, free, hold, stiffness)
             solution = conjugate_gradient(
                 system.apply, system.project, system.precondition, load + drag_load,
-                system.project(velocities) + held, tolerance=model.settings.velocity_tolerance,
-                max_iterations=model.settings.max_iterations, power_tolerance=model.settings.power_tolerance,
+                system.project(velocities) + held, tolerance=rough * model.settings.velocity_tolerance,
+                max_iterations=model.settings.max_iterations, power_tolerance=rough * model.settings.power_tolerance,
+                window=WINDOW if rough == 1.0 else ROUGH_WINDOW,
             )  # fmt: skip
             velocities = solution.velocities
             report.iterations += solution.iterations
@@ -235,9 +249,13 @@ class ImplicitIntegrator:
             # In the last pass nothing is released: a small pull for one step does less harm than a penetration.
             around = contacts.pressure_around(pressing, operator.pairs, model.smoothing_length)
             released = contacts.active & (around < -limit) if attempt < last else np.zeros_like(added)
-            if attempt == last or not (added.any() or released.any()):
+            settled = not (added.any() or released.any())
+            if attempt == last or (settled and rough == 1.0):
                 break
             contacts.active = (contacts.active & ~released) | added
+            # Which faces touch shows long before the velocities are exact: only the last pass need be.
+            attempt = attempt if settled else attempt + 1
+            rough = ROUGH if not settled and attempt < last else 1.0
         return solution
 
     def _coarse_grid(self, system: VelocitySystem, blocks: np.ndarray) -> CoarseGrid | None:
@@ -253,8 +271,10 @@ class ImplicitIntegrator:
         return grid
 
     def _friction(self, contacts: Contacts, operator: Operator) -> np.ndarray:
-        """Drag of Navier and no-slip walls at each face, shape (n, 3, 3, 3), Pa s mm."""
+        """Drag of Navier and no-slip walls at each face, shape (n, 3, 3, 3), Pa s mm; (0, 3, 3, 3) if all slip."""
         state = self.state
+        if not self.model.walls.rub:
+            return np.zeros((0, FACES, 3, 3))
         shear = operator.shear / between_wall_layers(state.wall_layers)
         factor = np.where(contacts.active, self.model.walls.friction(contacts, shear), 0.0)
         area = contacts.areas(state.volume * state.volume_ratio)
@@ -278,7 +298,8 @@ class ImplicitIntegrator:
         report.zero_energy_share = max(0.0, 1.0 - physical / total) if total > 0.0 else 0.0
         _, forces = contacts.reactions(-solution.residual)
         slide = v[:, None, :] - contacts.wall_velocity
-        drag = -np.einsum("nkab,nkb->nka", self._friction(contacts, operator), slide)
+        faces = self._friction(contacts, operator)
+        drag = -np.einsum("nkab,nkb->nka", faces, slide) if len(faces) else np.zeros_like(slide)
         body = self._body_power(operator, gradient, total - physical, v, dt)
         forces *= power_scale(contacts, forces, drag, slide, body)
         self.add_tool_loads(contacts, forces + drag, operator.positions, report)
@@ -356,8 +377,7 @@ class ImplicitIntegrator:
         """Packing of each particle, shape (n,)."""
         model = self.model
         return measured_packing(
-            self.state, model.walls, time, pairs, inverse_shape(self.state.kernel_shape)[0], model.smoothing_length,
-            model.spacing,
+            self.state, model.walls, time, pairs, *self.metric(), model.smoothing_length, model.spacing,
         )  # fmt: skip
 
     def set_reference(self, time: float) -> None:

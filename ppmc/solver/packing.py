@@ -20,7 +20,7 @@ import numpy as np
 from ppmc.compile_cache import njit, prange
 from ppmc.solver.kernel_shape import root_shape
 from ppmc.solver.neighbours import Pairs
-from ppmc.solver.smoothing import kernel_value, pair_weight
+from ppmc.solver.smoothing import SUPPORT, kernel_value, pair_weight
 
 GAUSS = 0.5 / np.sqrt(3.0)  # places in the cell, in spacings from its centre, at which the sum is sampled
 RATIO_STEP = 0.01  # of h in spacings, between which the sum over a lattice is interpolated
@@ -54,8 +54,7 @@ def packing(
     out = np.empty(len(positions))
     _packing(
         pairs.start, pairs.count, pairs.index, positions, volumes, inverse_shape,
-        GAUSS * spacing[:, None, None] * root_shape(shape),
-        smoothing_length, wall_distance, wall_normal, out,
+        GAUSS * spacing[:, None, None] * root_shape(shape), GAUSS * spacing, smoothing_length, wall_distance, wall_normal, out,
     )  # fmt: skip
     return out / np.interp(smoothing_length / spacing, *_lattice_packings(float(np.median(smoothing_length / spacing))))
 
@@ -88,10 +87,10 @@ def _lattice_packing(number: int) -> float:
 
 
 @njit(cache=True, parallel=True)
-def _packing(start, count, index, x, volume, metric, step, h, distance, normal, out):
+def _packing(start, count, index, x, volume, metric, step, half, h, distance, normal, out):
     for i in prange(x.shape[0]):
         out[i] = _sum_at(
-            i, start[i], count[i], index, x, volume, metric[i], step[i], h, distance[i], normal[i]
+            i, start[i], count[i], index, x, volume, metric[i], step[i], half[i], h, distance[i], normal[i]
         )  # fmt: skip
 
 
@@ -115,10 +114,11 @@ def _images(distance, normal, images):
 
 
 @njit(cache=True)
-def _sum_at(i, begin, neighbours, index, x, volume, g, step, h, distance, normal):
+def _sum_at(i, begin, neighbours, index, x, volume, g, step, half, h, distance, normal):
     images = np.empty((7, 2), np.int64)
     m = _images(distance, normal, images)
     total = 0.0
+    reach = SUPPORT * h + np.sqrt(3.0) * half
     for image in range(m):
         # The last turn stands for the particle itself.
         for s in range(neighbours + 1):
@@ -132,6 +132,11 @@ def _sum_at(i, begin, neighbours, index, x, volume, g, step, h, distance, normal
                     d0 -= height * n0
                     d1 -= height * n1
                     d2 -= height * n2
+            # What is out of reach of the whole cell is out of reach of its Gauss points.
+            r2 = g[0] * d0 * d0 + g[1] * d1 * d1 + g[2] * d2 * d2
+            r2 += 2.0 * (g[3] * d0 * d1 + g[4] * d1 * d2 + g[5] * d0 * d2)
+            if r2 > reach * reach:
+                continue
             part = 0.0
             for corner in range(8):
                 a = 1.0 if corner & 1 else -1.0

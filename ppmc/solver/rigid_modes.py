@@ -38,9 +38,10 @@ def free_rigid_modes(positions: np.ndarray, free: np.ndarray, hold: np.ndarray, 
         modes[:, a, a] = 1.0
         modes[:, b, 3 + a], modes[:, c, 3 + a] = -arm[:, c], arm[:, b]
     basis = np.linalg.qr(modes.reshape(-1, 6))[0].reshape(n, 3, 6)
-    held = np.einsum("nab,nbk->nak", np.eye(3) - free, basis)
+    held = (np.eye(3) - free) @ basis
     power = np.einsum("nak,nam->km", held, held)
-    power += np.einsum("nak,nab,nbm->km", basis, hold, basis) / max(float(np.mean(scale)), 1e-300)
+    if hold.any():
+        power += np.einsum("nak,nam->km", basis, hold @ basis) / max(float(np.mean(scale)), 1e-300)
     values, vectors = np.linalg.eigh(power)
     return np.ascontiguousarray(basis @ vectors[:, values < LOOSE])
 

@@ -38,6 +38,11 @@ class Walls:
     def __post_init__(self) -> None:
         self.forced = ForcedTools(self.tools)
 
+    @property
+    def rub(self) -> bool:
+        """Whether any tool resists sliding."""
+        return bool(np.isin(self.tools.arrays.wall, (NAVIER, NO_SLIP)).any())
+
     def offsets(self, time: float) -> np.ndarray:
         """Displacement of every tool at a time, shape (tools, 3), mm."""
         return self.tools.offsets(time) + self.forced.displacement

@@ -11,7 +11,7 @@ import numpy as np
 
 from ppmc.geometry.contacts import find_contacts
 from ppmc.solver.contact import FACES
-from ppmc.solver.kernel_shape import aspect_ratio, full
+from ppmc.solver.kernel_shape import aspect_ratio
 from ppmc.solver.neighbours import Pairs
 from ppmc.solver.packing import INTERIOR, interior_mean, packing
 from ppmc.solver.smoothing import SUPPORT
@@ -26,11 +26,13 @@ RESOLVED = 1.5
 
 
 def measured_packing(
-    state: ParticleState, walls: Walls, time: float, pairs: Pairs, inverse_shape: np.ndarray, smoothing_length: float,
-    spacing: float,
+    state: ParticleState, walls: Walls, time: float, pairs: Pairs, inverse_shape: np.ndarray, longest: float,
+    smoothing_length: float, spacing: float,
 ) -> np.ndarray:  # fmt: skip
-    """Packing of each particle at its present place and volume, shape (n,); arguments as in :func:`packing`."""
-    longest = float(np.sqrt(np.linalg.eigvalsh(full(state.kernel_shape))[:, 2].max()))
+    """Packing of each particle at its present place and volume, shape (n,).
+
+    Arguments are those of :func:`ppmc.solver.packing.packing`, and the longest axis of all kernels.
+    """
     support = SUPPORT * smoothing_length * longest
     _, _, distance, normal = find_contacts(walls.tools.arrays, walls.offsets(time), state.position, support)
     return packing(
