@@ -1,6 +1,6 @@
 """From tensors to orientations: p, r, and how certain they are.
 
-p is the direction of least gradient in its own small window, or in the least disturbed of several (see
+p is the direction of least gradient in its own small window, or in those least disturbed among several (see
 :mod:`ppmc.ct.sides`). r comes from a larger window; a doubtful p is kept in the plane orthogonal to it, and in the end
 r is made orthogonal to p. Kernels work on a chunk of voxels of a row (see :mod:`ppmc.ct.eigen`).
 """
@@ -14,7 +14,8 @@ import numpy as np
 
 from ppmc.compile_cache import njit
 from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, R9, R10, R11, WORK, inlined, kernel, smallest, solve
-from ppmc.ct.sides import choose_side, load, press_flat
+from ppmc.ct.sides import blend_sides, load, press_flat
+from ppmc.ct.steer import interpolate
 
 U = np.uint64
 ZERO, ONE, TINY = np.float32(0.0), np.float32(1.0), np.float32(1e-30)
@@ -26,22 +27,6 @@ two platelets mix (at 10 the mean tensors of the phantom err by less than half o
 DEGREES, RIGHT_ANGLE = np.float32(180.0 / np.pi), np.float32(90.0)
 PARALLEL = np.float32(0.05)
 """Sine below which a normal is too close to p to be made orthogonal to it; the small window's normal serves then."""
-
-
-@kernel()
-def _blend(coarse, low, low1, high, high1, apart, b, a, n, out):
-    """Interpolate six components, ``apart`` floats apart, between four stretches: rows with share b, planes with a.
-
-    A share of one gives the upper value to the last bit, as a share of zero does in the next cell.
-    """
-    for c in range(6):
-        o = U(c * CHUNK)
-        shift = U(c * apart)
-        p, p1, q, q1 = U(low) + shift, U(low1) + shift, U(high) + shift, U(high1) + shift
-        for i in range(U(n)):
-            first = (ONE - b) * coarse[p + i] + b * coarse[p1 + i]
-            second = (ONE - b) * coarse[q + i] + b * coarse[q1 + i]
-            out[o + i] = (ONE - a) * first + a * second
 
 
 @inlined()
@@ -170,17 +155,17 @@ def orient_planes(
     Parameters
     ----------
     tensors : (nz * channels * ny * pitch,) float32
-        Tensors of the small window, at every voxel if ``side_steps`` is above 0, else at the outputs, plus a border.
+        Tensors of the small window; if ``side_steps`` is above 0 at every voxel, up to one more than that outside.
     scores : (nz * ny * pitch,) float32, or empty
-        Their least eigenvalues.
-    shape : five ints
-        nz, ny, nx, pitch, channels of ``tensors``.
+        Their least eigenvalues (see :func:`ppmc.ct.sides.score_planes`); needed if ``side_steps`` is above 0.
+    shape : three ints
+        ny, pitch, channels of ``tensors``; finite numbers for a further chunk must follow.
     corner, step : (3,) int64 (x, y, z), int
         Index in ``tensors`` of the first output voxel, and distance of output voxels there.
     inverse_h : (3,) float32
         One over the voxel size.
     side_steps : int
-        Windows displaced by up to this many voxels compete.
+        Reach of displaced windows, voxels.
     coarse, coarse_shape : (cz * cy * 6 * ox,) float32, three ints
         Tensors of the large window, in x at the output voxels, and cz, cy, ox; or empty to take r from the small one.
     lower, share : two arrays (z, y) each, int64 and float32
@@ -199,11 +184,10 @@ def orient_planes(
         Filled; ``valid`` keeps zeros it has on entry.
     """
     oz, oy, ox = out_shape
-    nz, ny, nx, pitch, channels = shape
+    ny, pitch, channels = shape
     cz, cy, cx = coarse_shape
     two_scales = coarse.shape[0] > 0
     best = np.empty(6 * CHUNK, np.float32)
-    other = np.empty(6 * CHUNK, np.float32)
     blended = np.empty(6 * CHUNK, np.float32)
     for m in range(6 * CHUNK):  # a chunk is always solved whole, whatever its last part holds
         best[m] = ZERO
@@ -213,10 +197,8 @@ def orient_planes(
     work = np.empty(WORK, np.float32)
     frame = np.empty(12 * CHUNK, np.float32)
     aim = np.empty(3 * CHUNK, np.float32)
-    places = np.empty(2 * CHUNK, np.int64)
-    best_places = np.empty(2 * CHUNK, np.int64)
-    score = np.empty(CHUNK, np.float32)
-    best_score = np.empty(CHUNK, np.float32)
+    weight, part, floor = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)
+    better, total, press = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)
     for k in range(oz):
         z = corner[2] + k * step
         for j in range(oy):
@@ -229,27 +211,26 @@ def orient_planes(
                     k0, j0 = lower[0][k], lower[1][j]
                     k1, j1 = min(k0 + 1, cz - 1), min(j0 + 1, cy - 1)
                     plane, plane1, apart = k0 * cy, k1 * cy, 6 * cx
-                    _blend(
+                    interpolate(
                         coarse, (plane + j0) * apart + i, (plane + j1) * apart + i, (plane1 + j0) * apart + i,
                         (plane1 + j1) * apart + i, cx, share[1][j], share[0][k], n, blended,
                     )  # fmt: skip
                     solve(blended, work, large)
                 elif side_steps > 0:
                     solve(best, work, large)
-                if two_scales or side_steps > 0:
-                    smallest(best, best_score)
                 if side_steps > 0:
-                    choose_side(
-                        tensors, scores, large, inverse_h, side_steps, x, step, y, z, nx, ny, nz, pitch, channels,
-                        aim, places, best_places, other, score, best_score, best,
+                    blend_sides(
+                        tensors, scores, large, inverse_h, side_steps, x, step, y, z, ny, pitch, channels, aim, weight,
+                        part, floor, better, total, best,
                     )  # fmt: skip
                 if two_scales:
+                    smallest(best, press)
                     for m in range(CHUNK):
-                        best_score[m] = FLATNESS * max(best_score[m], ZERO)
-                    press_flat(best, best_score, large)
+                        press[m] = FLATNESS * max(press[m], ZERO)
+                    press_flat(best, press, large)
                 solve(best, work, small)
                 if two_scales:
-                    _release(small, best_score, large)
+                    _release(small, press, large)
                 if two_scales or side_steps > 0:
                     _orthogonal(small, large)
                     judge_by = large

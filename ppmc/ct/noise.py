@@ -69,9 +69,12 @@ def independent_samples(chosen: Settings) -> Floats:
 
     For p along x the number is ``n[0] * (1 + n[1])``, likewise y and z; in between ``n[0] * (1 + sum n[i + 1] p_i^2)``.
     Across p both factors decorrelate like noise smoothed by sigma; along p the texture stays the same, while the
-    slope of noise alternates and its mean over a window rho falls with (1 + rho^2 / sigma^2)^(3/2).
+    slope of noise alternates and its mean over a window rho falls with (1 + rho^2 / sigma^2)^(3/2). In a window that
+    follows the platelet p is always along it.
     """
     ratio = np.square(np.array(chosen.fibre_window) / chosen.sigma)
     across = np.sqrt(1.0 + 2.0 * ratio)
     gain = (1.0 + ratio) ** 1.5 / across - 1.0
+    if chosen.steering is not None:
+        gain[:] = gain[0]
     return np.array([np.prod(across), *gain], np.float32)

@@ -19,13 +19,15 @@ from numpy.typing import NDArray
 
 from ppmc.ct.block import EMPTY, Box, Coarse, Floats, Reference, TensorStream
 from ppmc.ct.combine import orient_planes
+from ppmc.ct.eigen import CHUNK
 from ppmc.ct.layout import reused
 from ppmc.ct.noise import independent_samples, tilting_part
 from ppmc.ct.normals import Cells
 from ppmc.ct.settings import Settings
 from ppmc.ct.sides import score_planes
 from ppmc.ct.source import Volume
-from ppmc.ct.tiles import BATCH, Tiling
+from ppmc.ct.steered import SteeredStream
+from ppmc.ct.tiles import BATCH, Tiling, side_halo
 
 REFERENCE_PLANES = 64
 VECTORS = ("fibre_direction", "platelet_normal", "eigenvalues")
@@ -127,29 +129,27 @@ def empty_fields(shape: tuple[int, int, int]) -> dict[str, NDArray[Any]]:
 def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[Any]]) -> None:
     """Find the orientations of a box of output indices (z, y, x) and write them into ``fields``."""
     k = job.stride
-    steps = job.chosen.side_steps
-    # Displaced windows need tensors between the output voxels.
-    step = 1 if steps else k
-    inside: Any = tuple(
-        (max(a * k - steps, 0), min((b - 1) * k + 1 + steps, n))
-        for (a, b), n in zip(box, job.volume.shape, strict=True)
-    )
-    corner = np.array([a * k - first for (a, _), (first, _) in zip(box, inside, strict=True)])
-    apart = k // step
-    batch = max(1, BATCH // apart)
-    stream = TensorStream(
-        job.volume,
-        job.chosen,
-        job.reference,
-        inside,
-        job.chosen.window,
-        stride=(step,) * 3,
-        noise=None if job.noise is None else tilting_part(job.noise),
-        batch=batch * apart + 2 * steps,
-    )
+    halo = side_halo(job.chosen)
     if job.volume.read_mask is not None:
         here: Any = tuple(slice(a * k, (b - 1) * k + 1) for a, b in box)
         fields["valid"] &= (job.volume.read_mask(here)[::k, ::k, ::k] != 0).astype(np.uint8)
+    # Displaced windows need tensors between the output voxels.
+    step = 1 if halo or job.chosen.steering else k
+    voxels: Any = tuple((a * k - halo, (b - 1) * k + 1 + halo) for a, b in box)
+    apart = k // step
+    batch = max(1, BATCH // apart)
+    most = (batch - 1) * apart + 1 + 2 * halo
+    noise = None if job.noise is None else tilting_part(job.noise)
+    stream: TensorStream | SteeredStream
+    if job.chosen.steering is not None and coarse is not None:
+        stream = SteeredStream(
+            job.volume, job.spacing, job.chosen, job.reference, voxels, coarse, noise=noise, halo=halo, step=k
+        )
+    else:
+        stream = TensorStream(
+            job.volume, job.chosen, job.reference, voxels, job.chosen.window, stride=(step,) * 3, noise=noise,
+            batch=most,
+        )  # fmt: skip
     scale = job.reference.unit**2
     least_energy = LEAST_ENERGY / min(job.spacing) ** 2
     if job.noise is not None:
@@ -157,40 +157,44 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
     inverse_h = (1.0 / np.array(job.spacing)).astype(np.float32)
     samples = independent_samples(job.chosen)
     flat = tuple(fields[name].reshape(-1) for name in FIELD_NAMES)
-    nz, ny, nx = stream.counts
+    ny = stream.counts[1]
     oz, oy, ox = (b - a for a, b in box)
     plane = stream.size
-    size = plane // stream.channels
-    most = (batch - 1) * apart + 1 + 2 * steps
-    slab = reused("slab", most * plane)
-    scored = steps > 0 and k == 1
-    scores = reused("scores", most * size) if scored else EMPTY
+    size = ny * stream.pitch
+    # Kernels read a whole chunk where a row ends.
+    slab = reused("slab", most * plane + CHUNK * apart)
+    scores = reused("scores", most * size + CHUNK * apart) if halo else EMPTY
+    inside, rows, columns = (_within(span, n) for span, n in zip(voxels, job.volume.shape, strict=True))
     have = (0, 0)
     for first in range(0, oz, batch):
         last = min(first + batch, oz)
-        want = (
-            max(corner[0] + first * apart - steps, 0),
-            min(corner[0] + (last - 1) * apart + 1 + steps, nz),
-        )
+        want = (first * apart, (last - 1) * apart + 1 + 2 * halo)
         kept = max(have[1] - want[0], 0)
         if kept:
             slab[: kept * plane] = slab[(have[1] - have[0] - kept) * plane : (have[1] - have[0]) * plane].copy()
         stream.planes(want[0] + kept, want[1], slab, kept)
-        if scored:
+        if halo:
             scores[: kept * size] = scores[(have[1] - have[0] - kept) * size : (have[1] - have[0]) * size].copy()
-            score_planes(slab, kept, want[1] - want[0], stream.channels, size, scores)
+            score_planes(
+                slab, (inside[0] - want[0], inside[1] - want[0]), kept, want[1] - want[0], stream.channels,
+                (ny, stream.pitch), rows, columns, scores,
+            )  # fmt: skip
         have = want
         lower, share, near = EMPTY_AXES, EMPTY_SHARES, EMPTY_COARSE
         if coarse is not None:
-            voxels = ((box[0][0] + first, box[0][0] + last), box[1], box[2])
-            lower, share, near = coarse.at(voxels, k)
+            outputs = ((box[0][0] + first, box[0][0] + last), box[1], box[2])
+            lower, share, near = coarse.at(outputs, k)
         orient_planes(
-            slab, scores, (want[1] - want[0], ny, nx, stream.pitch, stream.channels),
-            np.array([corner[2], corner[1], corner[0] + first * apart - want[0]]), apart, inverse_h, steps,
-            near.reshape(-1), (near.shape[0], near.shape[1], near.shape[3]), lower, share, np.float32(scale),
-            np.float32(scale * least_energy), np.float32(job.least_confidence), samples, (last - first, oy, ox),
-            first * oy * ox, *flat,
+            slab, scores, (ny, stream.pitch, stream.channels), np.full(3, halo), apart, inverse_h,
+            job.chosen.side_steps, near.reshape(-1), (near.shape[0], near.shape[1], near.shape[3]), lower, share,
+            np.float32(scale), np.float32(scale * least_energy), np.float32(job.least_confidence), samples,
+            (last - first, oy, ox), first * oy * ox, *flat,
         )  # fmt: skip
+
+
+def _within(span: tuple[int, int], n: int) -> tuple[int, int]:
+    """Return which of the voxels of a span, counted from its first, are among the n of the volume."""
+    return max(-span[0], 0), min(n, span[1]) - span[0]
 
 
 def orientations(job: Job, threads: int, tiles: Tiling, scratch: Path | None = None) -> Iterator[Block]:
@@ -238,7 +242,8 @@ def compute_tiles(
     def work(box: Box, buffer: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
         k = job.stride
         fields = _views(buffer, tuple(b - a for a, b in box))
-        voxels: Any = tuple((a * k, (b - 1) * k + 1) for a, b in box)
+        halo = side_halo(job.chosen)
+        voxels: Any = tuple((a * k - halo, (b - 1) * k + 1 + halo) for a, b in box)
         orient(job, box, None if cells is None else cells.around(voxels), fields)
         return fields
 

@@ -16,15 +16,33 @@ Triple = tuple[float, float, float]
 Three = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 
 FINEST_SIGMA = 0.5
-THIN = 0.7
-"""Standard deviation of the window for p across platelets, voxels: just enough to average one gradient's noise."""
-IN_PLANE, LEAST_IN_PLANE, IN_PLANE_THICKNESSES = 3.5, 3.0, 0.375
-"""Standard deviation of the window for p along platelets, voxels: so many thicknesses, within bounds. A tilted platelet
-leaves the window the sooner the thinner it is; below the lower bound noise would cost more than that."""
+THIN = 0.9
+"""Default sigma, voxels, where platelets may be but a few voxels thick: what the finest Gaussian derivative that knows
+no direction takes in of the next platelet is an error that no window averages away."""
+REACH, ACROSS, FINE = 10.0, 1.1, 0.6
+"""Window for p where the platelets' plane is known, voxels: half axes in that plane and across it of the ellipsoid over
+which is averaged, and standard deviation of the round window before it, which joins the ellipsoid's lattice."""
 ROUND = 2.0
 """Standard deviation of the window for p where the plane of the platelets is not known, voxels."""
 NORMAL_VOXELS, NORMAL_THICKNESSES = 8.0, 1.3
 """Standard deviation of the window for r: the larger of so many voxels and so many platelet thicknesses."""
+
+
+@dataclass(frozen=True)
+class Steering:
+    """Ellipsoid over which the window for p averages.
+
+    Attributes
+    ----------
+    reach, across : float
+        Half axes in the platelet's plane and across it, mm.
+    voxels : tuple of int
+        Voxels (x, y, z) within ``reach``.
+    """
+
+    reach: float
+    across: float
+    voxels: tuple[int, int, int]
 
 
 @dataclass(frozen=True)
@@ -34,7 +52,8 @@ class Settings:
     Attributes
     ----------
     sigma, fibre_window, normal_window : tuple of float
-        Standard deviations, mm. ``normal_window`` is None where r comes from the window of p.
+        Standard deviations, mm. ``normal_window`` is None where r comes from the window of p. With ``steering`` the
+        last of ``fibre_window`` is that across the platelet.
     smooth, slope, window : three arrays
         Taps of Gaussian, derivative (per mm) and window for p.
     cell : tuple of int
@@ -43,6 +62,8 @@ class Settings:
         Half length of that window, cells.
     side_steps : int
         Reach of displaced windows, voxels.
+    steering : Steering or None
+        How the window for p follows the platelet's plane; None where its axes are the volume's.
     """
 
     sigma: Triple
@@ -54,6 +75,7 @@ class Settings:
     cell: tuple[int, int, int]
     cell_reach: tuple[int, int, int]
     side_steps: int
+    steering: Steering | None = None
 
     @property
     def gradient_radius(self) -> tuple[int, int, int]:
@@ -87,19 +109,27 @@ def settings(section: CtSection, spacing: Triple, shape: tuple[int, int, int], t
     """
     h = np.array(spacing)
     extent = h * shape[::-1]
-    sigma = section.sigma if section.sigma is not None else float(max(h.min(), 0.7 * h.max()))
+    steering = None
+    if thickness is not None and section.fibre_window is None:
+        reach = REACH * float(h.min())
+        x, y, z = (int(reach / step + 1e-6) for step in h)
+        steering = Steering(reach, ACROSS * float(h.max()), (x, y, z))
+    sigma = section.sigma
+    if sigma is None:
+        sigma = float(max(h.min(), 0.7 * h.max())) * (THIN if steering else 1.0)
     if sigma < FINEST_SIGMA * h.max():
         raise SceneError(
             f"ct: sigma is {sigma:.4g} mm, finer than half a voxel ({h.max():.4g} mm); "
             f"use at least {FINEST_SIGMA * h.max():.4g} mm"
         )
-    fibre = _fibre_window(section, h, thickness)
+    window = FINE * h if steering else _fibre_window(section, h)
+    fibre = _widths(steering, window) if steering else window
     normal = section.normal_window
     if normal is None:
         wish = max(NORMAL_VOXELS * float(h.min()), NORMAL_THICKNESSES * (thickness or 0.0))
         normal = min(wish, float(extent.min()) / 4.0)
-    for name, window in (("fibre_window", fibre), ("normal_window", np.full(3, normal)), ("sigma", np.full(3, sigma))):
-        for axis, width, edge in zip("xyz", window, extent, strict=True):
+    for name, given in (("fibre_window", window), ("normal_window", np.full(3, normal)), ("sigma", np.full(3, sigma))):
+        for axis, width, edge in zip("xyz", given, extent, strict=True):
             if 4.0 * width > edge:
                 raise SceneError(
                     f"ct: {name}: a window of standard deviation {width:.4g} mm is larger than the volume, "
@@ -107,7 +137,7 @@ def settings(section: CtSection, spacing: Triple, shape: tuple[int, int, int], t
                 )
     fine = [float(sigma / step) for step in h]
     slope = [filters.derivative(s) / np.float32(step) for s, step in zip(fine, h, strict=True)]
-    two_scales = normal > float(fibre.max()) * 1.01 or section.normal_window is not None
+    two_scales = steering is not None or section.normal_window is not None or normal > float(fibre.max()) * 1.01
     cells = tuple(_odd_cell(normal / step) for step in h)
     reach = tuple(
         len(filters.gaussian(coarse_sigma(normal, step, cell))) // 2 for step, cell in zip(h, cells, strict=True)
@@ -119,23 +149,32 @@ def settings(section: CtSection, spacing: Triple, shape: tuple[int, int, int], t
         smooth=_three([filters.gaussian(s) for s in fine]),
         slope=_three([s.astype(np.float32) for s in slope]),
         window=_three(
-            [filters.gaussian(float(w / step), filters.WINDOW_CUT) for w, step in zip(fibre, h, strict=True)]
+            [filters.gaussian(float(w / step), filters.WINDOW_CUT) for w, step in zip(window, h, strict=True)]
         ),
         cell=cells,  # type: ignore[arg-type]
         cell_reach=reach,  # type: ignore[arg-type]
         side_steps=section.side_steps if section.side_steps is not None else (1 if thickness else 0),
+        steering=steering,
     )
 
 
-def _fibre_window(section: CtSection, h: NDArray[np.float64], thickness: float | None) -> NDArray[np.float64]:
-    """Return the window for p: flat where platelets are known to lie flat, else round."""
-    if section.fibre_window is not None:
-        window = section.fibre_window
-        return np.array(window if isinstance(window, tuple) else (window,) * 3)
-    if thickness is None:
+def _fibre_window(section: CtSection, h: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the window for p along the axes: what is asked for, else round."""
+    window = section.fibre_window
+    if window is None:
         return np.full(3, ROUND * h.min())
-    along = float(np.clip(IN_PLANE_THICKNESSES * thickness / h.min(), LEAST_IN_PLANE, IN_PLANE) * h[:2].min())
-    return np.array([along, along, THIN * h[2]])
+    return np.array(window if isinstance(window, tuple) else (window,) * 3)
+
+
+def _widths(steering: Steering, window: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return standard deviations in the platelet's plane, twice, and across it.
+
+    An ellipsoid of three half axes a weighted by (1 - q^2)^2 has variance a^2 / 9 along each; of a thin one few planes
+    of voxels are left, and in the plane the variance is that of a disc, a^2 / 8.
+    """
+    before = float(np.max(window)) ** 2
+    along = math.sqrt(steering.reach**2 / 8.0 + before)
+    return np.array([along, along, math.sqrt(steering.across**2 / 9.0 + before)])
 
 
 def _odd_cell(width: float) -> int:

@@ -31,25 +31,29 @@ class Advice:
         Standard deviation of the noise, grey values.
     sigma : float
         Standard deviation of the derivative.
-    fibre_window, normal_window
-        Windows for p (x, y, z) and for r.
+    fibre_window
+        Window for p (x, y, z); None where the platelet thickness is known, for it then follows the platelets' plane.
+    normal_window
+        Window for r.
     """
 
     wavelength: float
     signal_to_noise: float
     noise_level: float
     sigma: float
-    fibre_window: tuple[float, float, float]
+    fibre_window: tuple[float, float, float] | None
     normal_window: float
 
     def lines(self) -> list[str]:
         """Return the advice as text: what was measured, then a section for the scene."""
-        window = ", ".join(f"{w:.4g} mm" for w in self.fibre_window)
+        window = []
+        if self.fibre_window is not None:
+            window = [f"  fibre_window: [{', '.join(f'{w:.4g} mm' for w in self.fibre_window)}]"]
         return [
             f"# texture: wavelength {self.wavelength:.3g} mm, {self.signal_to_noise:.3g} times stronger than the noise",
             "ct:",
             f"  sigma: {self.sigma:.4g} mm",
-            f"  fibre_window: [{window}]",
+            *window,
             f"  normal_window: {self.normal_window:.4g} mm",
             f"  noise_level: {self.noise_level:.4g}",
         ]
@@ -109,13 +113,12 @@ def advise(volume: Volume, spacing: tuple[float, float, float], thickness: float
     wavelength, variance = texture_spectrum(volume, spacing)
     level = noise_level(volume)
     sigma = max(SIGMA_PER_WAVELENGTH * wavelength, LEAST_SIGMA * max(spacing))
+    fibre = None
     if thickness is None:
         fibre = (2.0 * sigma,) * 3
         normal = 8.0 * sigma
     else:
         sigma = min(sigma, max(thickness / 4.0, LEAST_SIGMA * max(spacing)))
-        along = min(3.5 * sigma, 2.0 * thickness)
-        fibre = (along, along, max(LEAST_SIGMA * spacing[2], min(0.7 * sigma, thickness / 8.0)))
         normal = max(8.0 * min(spacing), 1.3 * thickness)
     extent = min(h * n for h, n in zip(spacing, volume.shape[::-1], strict=True))
     ratio = float(np.sqrt(variance) / level) if level > 0 else float("inf")

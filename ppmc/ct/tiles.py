@@ -9,6 +9,7 @@ from ppmc.ct.block import Box
 from ppmc.ct.eigen import CHUNK
 from ppmc.ct.layout import row_pitch
 from ppmc.ct.settings import Settings
+from ppmc.ct.steered import TURN
 from ppmc.errors import SceneError
 
 MIB = 2**20
@@ -21,8 +22,9 @@ BATCH = 16
 """Planes of tensors at a time: fewer stay in a nearer cache, more share what their windows have in common."""
 PLANES = 12
 """Planes of floats that the kernels keep besides."""
-FIXED, GRADIENT, FRESH = 1.0, 1.5, 3.0
-"""Time that an output voxel, a voxel read, and a voxel of a buffer that the system must first clear take."""
+FIXED, GRADIENT, FRESH, STEERED = 1.0, 1.5, 3.0, 4.0
+"""Time that an output voxel, a voxel read, a voxel of a buffer that the system must first clear, and a voxel with a
+steered window take."""
 SIDES = (1024, 512, 256, 128, 96, 64, 48, 32, 16)
 
 
@@ -50,10 +52,21 @@ class Tiling:
         ]
 
 
+def side_halo(chosen: Settings) -> int:
+    """Return how many tensors beyond the outputs displaced windows look at."""
+    return chosen.side_steps + 1 if chosen.side_steps else 0
+
+
+def steering_reach(chosen: Settings) -> tuple[int, int, int]:
+    """Return how many tensors beyond its middle a steered window looks at (z, y, x)."""
+    x, y, z = (0, 0, 0) if chosen.steering is None else chosen.steering.voxels
+    return z, y, x
+
+
 def halo_of(chosen: Settings) -> tuple[int, int, int]:
     """Return how many voxels beyond a tile its computation looks at (z, y, x)."""
-    reach = zip(chosen.gradient_radius[::-1], chosen.window_radius[::-1], strict=True)
-    hz, hy, hx = (g + w + chosen.side_steps for g, w in reach)
+    reach = zip(chosen.gradient_radius[::-1], chosen.window_radius[::-1], steering_reach(chosen), strict=True)
+    hz, hy, hx = (g + w + s + side_halo(chosen) for g, w, s in reach)
     return hz, hy, hx
 
 
@@ -63,17 +76,23 @@ def tile_bytes(tile: tuple[int, int, int], chosen: Settings, stride: int, itemsi
     voxels = grown[0] * grown[1] * grown[2]
     plane = grown[1] * grown[2] * 4
     outputs = tile[0] * tile[1] * tile[2]
-    # displaced windows need tensors between the output voxels
-    dense = 1 if chosen.side_steps else stride
-    channels = 7 if masked else 6
-    pulled = min(max(BATCH, stride // dense), tile[0] * stride // dense + 1) + 2 * chosen.side_steps
-    ring = (2 * chosen.window_radius[2] + 1 + (pulled - 1) * dense) * channels
-    slab = pulled * (channels + 1)
-    tensors = (ring + slab) * plane // dense**2
+    halo = side_halo(chosen)
+    # displaced and steered windows need tensors between the output voxels
+    steered = chosen.steering is not None
+    dense = 1 if halo or steered else stride
+    pulled = min(max(BATCH, stride // dense), tile[0] * stride // dense + 1) + 2 * halo
+    slab = pulled * 7
+    if steered:
+        sums = (2 * TURN + 2 * steering_reach(chosen)[0] + 2 * chosen.window_radius[2]) * 7
+    else:
+        sums = (2 * chosen.window_radius[2] + 1 + (pulled - 1) * dense) * (7 if masked else 6)
+        slab += pulled if masked else 0
+    tensors = (sums + slab) * plane // dense**2
     cells = CELL_BYTES if chosen.normal_window is not None else 0
     for t, c, r in zip(tile, chosen.cell[::-1], chosen.cell_reach[::-1], strict=True):
-        cells *= t * stride // c + 2 * r + 3
-    return cells + voxels * (4 + itemsize + (16 if masked else 0)) + tensors + PLANES * plane + FIELD_BYTES * outputs
+        cells *= (t * stride + 2 * halo) // c + 2 * r + 3
+    values = 4 + itemsize + (16 if masked else 8 if steered else 0)
+    return cells + voxels * values + tensors + PLANES * plane + FIELD_BYTES * outputs
 
 
 def tiling(
@@ -127,10 +146,13 @@ def tiling(
         read = counts[2] * row_pitch(tile[2] * stride + 2 * halo[2], stride) * stride / shape[2]
         for n, c, h in zip(shape[:2], counts, halo, strict=False):
             read *= stride + 2.0 * h * c / n
+        steered = STEERED if chosen.steering is not None else 0.0
+        for n, c in zip(shape, counts, strict=True):
+            steered *= stride + 2.0 * side_halo(chosen) * c / n
         lanes = counts[2] * -(-tile[2] // CHUNK) * CHUNK / shape[2]
         buffers = min(threads + 1, count) * outputs / whole
         # the last round may leave threads idle
-        work = (FIXED * lanes + GRADIENT * read + FRESH * buffers) * (-(-count // threads) * threads / count)
+        work = (FIXED * lanes + steered + GRADIENT * read + FRESH * buffers) * (-(-count // threads) * threads / count)
         if best is None or work < best[0]:
             best = (work, tile)
     if best is None:

@@ -1,0 +1,268 @@
+"""Windows for p that lie in the plane of the platelet, whatever its tilt.
+
+A window along the axes leaves a tilted platelet after a few voxels and mixes the next one in; the thinner the
+platelets, the sooner. Here gradient products are averaged over a flat ellipsoid whose short axis is the local normal r:
+the weight of the voxel at distance d is ``(1 - |d_in|^2 / reach^2 - |d_r|^2 / across^2)^2`` with d's parts in the plane
+and along r, zero outside. It depends smoothly on r, so nothing jumps where r turns, and it knows no axes: a volume
+turned by right angles has the same windows.
+
+Of the voxels every fourth is used, the body-centred ones (all offsets even or all odd): gradients nearer to each other
+say little new. Offsets d and -d have the same weight, so the list holds one of each pair. Kernels work on a chunk of
+voxels of a row (see :mod:`ppmc.ct.eigen`); pairs beyond the window of every voxel of a few rows are passed over, which
+changes no bit.
+"""
+
+# Kernels take arrays and scalars only; numba infers their types.
+# mypy: disable-error-code="no-untyped-def"
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmc.compile_cache import fma, njit
+from ppmc.ct.eigen import CHUNK, R1, R2, R6, WORK, inlined, kernel, solve
+
+U = np.uint64
+ZERO, ONE = np.float32(0.0), np.float32(1.0)
+LEAST_VOTES = np.float32(1e-6)
+ROWS = 8
+"""Rows that share a list of pairs."""
+SUMS = 7 * CHUNK
+SLACK = np.float32(1e-4)
+"""Rounding allowed for where pairs are passed over; far more than float32 needs."""
+
+
+@lru_cache
+def offset_pairs(
+    reach: float, across: float, spacing: tuple[float, float, float]
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Return one offset of each pair of the window's lattice.
+
+    Parameters
+    ----------
+    reach, across : float
+        Half axes of the window in the plane and across it, mm.
+    spacing : tuple of float
+        Voxel size (x, y, z), mm.
+
+    Returns
+    -------
+    steps : ndarray, shape (n, 3)
+        Offsets (x, y, z), voxels; the pair of the first is itself, (0, 0, 0).
+    form : ndarray, shape (5, n)
+        The weight for a normal r is ``max(c - (g . r)^2, 0)^2``: rows g_x, g_y, g_z, c and the length of g.
+    """
+    h = np.array(spacing)
+    half = [int(reach / step + 1e-6) for step in spacing]
+    axes = [np.arange(-n, n + 1) for n in half]
+    steps = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    steps = steps[(steps % 2 == steps[:, :1] % 2).all(axis=1)]
+    square = np.sum((steps * h) ** 2, axis=1)
+    x, y, z = steps.T
+    one_of_two = (z > 0) | ((z == 0) & ((y > 0) | ((y == 0) & (x > 0))))
+    near = square < reach**2
+    steps = np.concatenate([np.zeros((1, 3), np.int64), steps[one_of_two & near]])
+    c = 1.0 - np.sum((steps * h) ** 2, axis=1) / reach**2
+    g = steps * h * np.sqrt(1.0 / across**2 - 1.0 / reach**2)
+    form = np.concatenate([g.T, [c, np.linalg.norm(g, axis=1)]]).astype(np.float32)
+    return steps.astype(np.int64), np.ascontiguousarray(form)
+
+
+@kernel()
+def interpolate(coarse, low, low1, high, high1, apart, b, a, n, out):
+    """Interpolate six components, ``apart`` floats apart, between four stretches: rows with share b, planes with a.
+
+    A share of one gives the upper value to the last bit, as a share of zero does in the next cell.
+    """
+    for c in range(6):
+        o = U(c * CHUNK)
+        shift = U(c * apart)
+        p, p1, q, q1 = U(low) + shift, U(low1) + shift, U(high) + shift, U(high1) + shift
+        for i in range(U(n)):
+            first = (ONE - b) * coarse[p + i] + b * coarse[p1 + i]
+            second = (ONE - b) * coarse[q + i] + b * coarse[q1 + i]
+            out[o + i] = (ONE - a) * first + a * second
+
+
+@kernel()
+def _spread(normals, rows, n):
+    """Return the normal in the middle of some rows, and the largest distance of the others from it, signs apart."""
+    middle = U((rows // 2) * 3 * CHUNK + n // 2)
+    x, y, z = normals[middle], normals[middle + U(R1)], normals[middle + U(R2)]
+    worst = ZERO
+    for row in range(rows):
+        a = U(row * 3 * CHUNK)
+        for i in range(U(n)):
+            u, v, w = normals[a + i], normals[a + U(R1) + i], normals[a + U(R2) + i]
+            same = abs(u * x + v * y + w * z)
+            worst = max(worst, u * u + v * v + w * w + x * x + y * y + z * z - (same + same))
+    return x, y, z, np.sqrt(max(worst, ZERO)) + SLACK
+
+
+@kernel()
+def _within(form, x, y, z, spread, chosen):
+    """Write the pairs that are within the window of some normal near (x, y, z); return their number."""
+    count = 0
+    for k in range(U(form.shape[1])):
+        along = abs(form[0, k] * x + form[1, k] * y + form[2, k] * z) - spread * form[4, k]
+        chosen[count] = k
+        count += 1 if along < ZERO or along * along < form[3, k] + SLACK else 0
+    return count
+
+
+@inlined()
+def _weigh(form, k, normals, first, weight, at):
+    """Write the weights of a pair for a chunk of normals."""
+    gx, gy, gz, c = form[0, k], form[1, k], form[2, k], form[3, k]
+    for i in range(U(CHUNK)):
+        along = fma(gx, normals[first + i], fma(gy, normals[first + U(R1) + i], gz * normals[first + U(R2) + i]))
+        w = max(fma(-along, along, c), ZERO)
+        weight[at + i] = w * w
+
+
+@inlined()
+def _add_one(sums, a, b, weight, apart, total):
+    for c in range(U(7)):
+        o, shift = c * U(CHUNK), c * apart
+        for i in range(U(CHUNK)):
+            total[o + i] = fma(weight[i], sums[a + shift + i] + sums[b + shift + i], total[o + i])
+
+
+@inlined()
+def _add_two(sums, a, b, p, q, weight, apart, total):
+    for c in range(U(7)):
+        o, shift = c * U(CHUNK), c * apart
+        for i in range(U(CHUNK)):
+            t = fma(weight[i], sums[a + shift + i] + sums[b + shift + i], total[o + i])
+            total[o + i] = fma(weight[U(CHUNK) + i], sums[p + shift + i] + sums[q + shift + i], t)
+
+
+@kernel()
+def _gather(sums, middle, plane_at, z, row_pitch, apart, steps, form, chosen, count, normals, first, weight, total):
+    """Sum a chunk of windows about the voxels from ``middle`` (in its plane) on: six channels and the votes.
+
+    The pair of the voxel itself counts it twice, as it should with half its weight: hence the first term.
+    """
+    here = plane_at[z]
+    for c in range(U(7)):
+        a = U(here + middle) + c * apart
+        for i in range(U(CHUNK)):
+            total[c * U(CHUNK) + i] = -sums[a + i]
+    k = 0
+    while k + 1 < count:
+        m, n = chosen[k], chosen[k + 1]
+        _weigh(form, m, normals, first, weight, U(0))
+        _weigh(form, n, normals, first, weight, U(CHUNK))
+        at_m = steps[m, 1] * row_pitch + steps[m, 0]
+        at_n = steps[n, 1] * row_pitch + steps[n, 0]
+        _add_two(
+            sums, U(plane_at[z + steps[m, 2]] + middle + at_m), U(plane_at[z - steps[m, 2]] + middle - at_m),
+            U(plane_at[z + steps[n, 2]] + middle + at_n), U(plane_at[z - steps[n, 2]] + middle - at_n),
+            weight, apart, total,
+        )  # fmt: skip
+        k += 2
+    if k < count:
+        m = chosen[k]
+        _weigh(form, m, normals, first, weight, U(0))
+        at_m = steps[m, 1] * row_pitch + steps[m, 0]
+        _add_one(
+            sums, U(plane_at[z + steps[m, 2]] + middle + at_m), U(plane_at[z - steps[m, 2]] + middle - at_m),
+            weight, apart, total,
+        )  # fmt: skip
+
+
+@inlined()
+def _average(total, noise, n, out, o, apart):
+    """Store sums divided by their votes, less the noise's share; nothing where nobody voted."""
+    for c in range(U(6)):
+        share = noise[c]
+        for i in range(U(n)):
+            votes = total[U(6 * CHUNK) + i]
+            mean = total[c * U(CHUNK) + i] / votes - share
+            out[o + c * apart + i] = mean if votes > LEAST_VOTES else ZERO
+
+
+@njit(nogil=True)
+def steer_planes(
+    sums, plane_at, shape, steps, form, reach, coarse, coarse_shape, lower, share, planes, rows, voxels, noise, out,
+    out_pitch, first, last, at_plane,
+):  # fmt: skip
+    """Write the tensors of some planes, averaged in the planes of their platelets.
+
+    Parameters
+    ----------
+    sums : (slots * 7 * rows * pitch,) float32
+        A ring of planes of gradient products and votes, each (7, rows, pitch), ``reach`` voxels larger at all ends;
+        finite numbers for a further chunk.
+    plane_at : (planes,) int64
+        Where each plane begins, from that ``reach`` before plane ``first``'s on.
+    shape : two ints
+        Rows and pitch.
+    steps, form : arrays
+        See :func:`offset_pairs`.
+    reach : three ints (x, y, z)
+        Largest steps.
+    coarse, coarse_shape, lower, share
+        Tensors of the large window at the voxels' x, and where they stand: see :meth:`ppmc.ct.block.Coarse.at`.
+    planes, rows : (n,) uint8, (ny,) uint8
+        Non-zero for those that are wanted and within the volume; others get no tensor.
+    voxels : two ints
+        First voxel of a row that is within the volume, and the end.
+    noise : (6,) float32
+        Tensor to subtract.
+    out, out_pitch : (planes * 6 * ny * out_pitch,) float32, int
+        Filled with planes (6, ny, out_pitch).
+    first, last, at_plane : int
+        Planes to do, counted as ``planes`` and ``lower`` are, and the plane of ``out`` at which the first goes.
+    """
+    pitch = shape[1]
+    ny = rows.shape[0]
+    cz, cy, cx = coarse_shape
+    apart, out_apart, far = U(shape[0] * pitch), U(ny * out_pitch), 6 * cx
+    blended = np.zeros(6 * CHUNK, np.float32)
+    work = np.empty(WORK, np.float32)
+    large = np.empty(9 * CHUNK, np.float32)
+    normals = np.zeros(ROWS * 3 * CHUNK, np.float32)
+    weight = np.empty(2 * CHUNK, np.float32)
+    total = np.empty(SUMS, np.float32)
+    chosen = np.empty(form.shape[1] + 1, np.int64)
+    for plane in range(first, last):
+        target = (at_plane + plane - first) * 6 * ny * out_pitch
+        for m in range(6 * ny * out_pitch):
+            out[target + m] = ZERO
+        if planes[plane] == 0:
+            continue
+        low, high = lower[0][plane] * cy, min(lower[0][plane] + 1, cz - 1) * cy
+        for i in range(voxels[0], voxels[1], CHUNK):
+            n = min(CHUNK, voxels[1] - i)
+            for j in range(0, ny, ROWS):
+                many = 0
+                for row in range(j, min(j + ROWS, ny)):
+                    if rows[row] > 0:
+                        j0 = lower[1][row]
+                        j1 = min(j0 + 1, cy - 1)
+                        interpolate(
+                            coarse, (low + j0) * far + i, (low + j1) * far + i, (high + j0) * far + i,
+                            (high + j1) * far + i, cx, share[1][row], share[0][plane], n, blended,
+                        )  # fmt: skip
+                        solve(blended, work, large)
+                        for m in range(3 * CHUNK):
+                            normals[many * 3 * CHUNK + m] = large[R6 + m]
+                        many += 1
+                if many == 0:
+                    continue
+                x, y, z, spread = _spread(normals, many, n)
+                count = _within(form, x, y, z, spread, chosen)
+                many = 0
+                for row in range(j, min(j + ROWS, ny)):
+                    if rows[row] > 0:
+                        middle = (row + reach[1]) * pitch + i + reach[0]
+                        _gather(
+                            sums, middle, plane_at, plane - first + reach[2], pitch, apart, steps, form, chosen, count,
+                            normals, U(many * 3 * CHUNK), weight, total,
+                        )  # fmt: skip
+                        _average(total, noise, n, out, U(target + row * out_pitch + i), out_apart)
+                        many += 1
