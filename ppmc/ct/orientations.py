@@ -27,7 +27,7 @@ from ppmc.ct.settings import Settings
 from ppmc.ct.sides import score_planes
 from ppmc.ct.source import Volume
 from ppmc.ct.steered import SteeredStream
-from ppmc.ct.tiles import BATCH, Tiling, side_halo
+from ppmc.ct.tiles import BATCH, Tiling, side_halo, wide_reach
 
 REFERENCE_PLANES = 64
 VECTORS = ("fibre_direction", "platelet_normal", "eigenvalues")
@@ -242,8 +242,8 @@ def compute_tiles(
     def work(box: Box, buffer: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
         k = job.stride
         fields = _views(buffer, tuple(b - a for a, b in box))
-        halo = side_halo(job.chosen)
-        voxels: Any = tuple((a * k - halo, (b - 1) * k + 1 + halo) for a, b in box)
+        beyond = (side_halo(job.chosen) + r for r in wide_reach(job.chosen))
+        voxels: Any = tuple((a * k - m, (b - 1) * k + 1 + m) for (a, b), m in zip(box, beyond, strict=True))
         orient(job, box, None if cells is None else cells.around(voxels), fields)
         return fields
 

@@ -19,9 +19,9 @@ FINEST_SIGMA = 0.5
 THIN = 0.9
 """Default sigma, voxels, where platelets may be but a few voxels thick: what the finest Gaussian derivative that knows
 no direction takes in of the next platelet is an error that no window averages away."""
-REACH, ACROSS, FINE = 10.0, 1.1, 0.6
-"""Window for p where the platelets' plane is known, voxels: half axes in that plane and across it of the ellipsoid over
-which is averaged, and standard deviation of the round window before it, which joins the ellipsoid's lattice."""
+REACHES, ACROSS, FINE = (4.5, 10.0), 0.9, 0.5
+"""Window for p where the platelets' plane is known, voxels: half axes in that plane, and across it, of the two ellipsoids
+over which is averaged in turn, and standard deviation of the round window before them, which joins their lattices."""
 ROUND = 2.0
 """Standard deviation of the window for p where the plane of the platelets is not known, voxels."""
 NORMAL_VOXELS, NORMAL_THICKNESSES = 8.0, 1.3
@@ -30,19 +30,21 @@ NORMAL_VOXELS, NORMAL_THICKNESSES = 8.0, 1.3
 
 @dataclass(frozen=True)
 class Steering:
-    """Ellipsoid over which the window for p averages.
+    """Ellipsoids over which the window for p averages, one after the other.
 
     Attributes
     ----------
-    reach, across : float
-        Half axes in the platelet's plane and across it, mm.
-    voxels : tuple of int
-        Voxels (x, y, z) within ``reach``.
+    reaches : tuple of float
+        Half axes in the platelet's plane, mm.
+    across : float
+        Half axis across it, mm.
+    voxels : two tuples of int
+        Voxels (x, y, z) within each reach.
     """
 
-    reach: float
+    reaches: tuple[float, float]
     across: float
-    voxels: tuple[int, int, int]
+    voxels: tuple[tuple[int, int, int], tuple[int, int, int]]
 
 
 @dataclass(frozen=True)
@@ -111,9 +113,7 @@ def settings(section: CtSection, spacing: Triple, shape: tuple[int, int, int], t
     extent = h * shape[::-1]
     steering = None
     if thickness is not None and section.fibre_window is None:
-        reach = REACH * float(h.min())
-        x, y, z = (int(reach / step + 1e-6) for step in h)
-        steering = Steering(reach, ACROSS * float(h.max()), (x, y, z))
+        steering = _steering(h)
     sigma = section.sigma
     if sigma is None:
         sigma = float(max(h.min(), 0.7 * h.max())) * (THIN if steering else 1.0)
@@ -166,6 +166,13 @@ def _fibre_window(section: CtSection, h: NDArray[np.float64]) -> NDArray[np.floa
     return np.array(window if isinstance(window, tuple) else (window,) * 3)
 
 
+def _steering(h: NDArray[np.float64]) -> Steering:
+    """Return the ellipsoids for voxels of size h."""
+    near, wide = (reach * float(h.min()) for reach in REACHES)
+    (x0, y0, z0), (x1, y1, z1) = ([int(reach / step + 1e-6) for step in h] for reach in (near, wide))
+    return Steering((near, wide), ACROSS * float(h.max()), ((x0, y0, z0), (x1, y1, z1)))
+
+
 def _widths(steering: Steering, window: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return standard deviations in the platelet's plane, twice, and across it.
 
@@ -173,8 +180,8 @@ def _widths(steering: Steering, window: NDArray[np.float64]) -> NDArray[np.float
     of voxels are left, and in the plane the variance is that of a disc, a^2 / 8.
     """
     before = float(np.max(window)) ** 2
-    along = math.sqrt(steering.reach**2 / 8.0 + before)
-    return np.array([along, along, math.sqrt(steering.across**2 / 9.0 + before)])
+    along = math.sqrt(sum(reach**2 for reach in steering.reaches) / 8.0 + before)
+    return np.array([along, along, math.sqrt(2.0 * steering.across**2 / 9.0 + before)])
 
 
 def _odd_cell(width: float) -> int:

@@ -18,12 +18,14 @@ from ppmc.compile_cache import njit
 from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, inlined, kernel, smallest
 
 U = np.uint64
-ZERO, ONE = np.float32(0.0), np.float32(1.0)
-FLOOR = np.float32(1e-4)
+ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+FLOOR = np.float32(3e-4)
 """Share of the centred window's trace below which least eigenvalues do not count as different."""
 NOWHERE = np.float32(1e30)
 """Score where there is no tensor: outside the volume or the mask."""
 TINY = np.float32(1e-30)
+SLACK = np.float32(1e-3)
+"""Rounding allowed for where offsets are passed over; far more than float32 needs."""
 
 
 @kernel()
@@ -82,48 +84,50 @@ def score_planes(tensors, planes, first, last, channels, shape, rows, voxels, sc
 
 
 @inlined()
-def _start(tensors, scores, at, score_at, apart, step, floor, better, total, best):
-    """Take the centred windows with weight one; the floor is a share of their trace."""
-    for c in range(U(6)):
-        o, a = c * U(CHUNK), at + c * apart
-        for i in range(U(CHUNK)):
-            best[o + i] = tensors[a + i * step]
+def _start(scores, at, step, best, floor, better, total):
+    """Give the centred windows weight one; the floor is a share of their trace. None stands in for one that is not."""
     for i in range(CHUNK):
         floor[i] = FLOOR * max(best[i] + best[R1 + i] + best[R2 + i], ZERO) + TINY
-        better[i] = scores[score_at + U(i) * step] + floor[i]
+        score = scores[at + U(i) * step]
+        better[i] = score + floor[i] if score < NOWHERE else ZERO
         total[i] = ONE
 
 
 @inlined()
 def _tube(aim, x, y, z, inverse_reach, weight):
     """Write the weights of an offset for a chunk: one on the line along the aim, falling to zero a voxel beside it
-    and ``side_steps + 1`` voxels along it. Return the largest."""
+    and ``side_steps + 1`` voxels along it."""
     square = x * x + y * y + z * z
-    largest = ZERO
     for i in range(CHUNK):
         along = aim[i] * x + aim[R1 + i] * y + aim[R2 + i] * z
         beside = max(ONE - (square - along * along), ZERO)
         share = along * inverse_reach
         share *= share
-        w = beside * beside * max(ONE - share * share, ZERO)
-        weight[i] = w
-        largest = max(largest, w)
-    return largest
+        weight[i] = beside * beside * max(ONE - share * share, ZERO)
 
 
 @inlined()
-def _add(tensors, scores, at, score_at, apart, step, floor, better, weight, part, total, best):
-    """Add displaced windows, weighted by how much better or worse than the centred ones they are."""
+def _compare(scores, a, b, step, floor, better, weight, one, other, total):
+    """Write the weights of two displaced windows, by how much better or worse than the centred ones they are."""
     for i in range(CHUNK):
-        ratio = better[i] / (scores[score_at + U(i) * step] + floor[i])
-        ratio *= ratio
-        w = weight[i] * ratio * ratio
-        part[i] = w
-        total[i] += w
+        p = better[i] / (scores[a + U(i) * step] + floor[i])
+        q = better[i] / (scores[b + U(i) * step] + floor[i])
+        p *= p
+        q *= q
+        p *= p * weight[i]
+        q *= q * weight[i]
+        one[i] = p
+        other[i] = q
+        total[i] += p + q
+
+
+@inlined()
+def _add(tensors, a, b, apart, step, one, other, best):
+    """Add two displaced windows; the sum of both is made first, for it must not depend on which is which."""
     for c in range(U(6)):
-        o, a = c * U(CHUNK), at + c * apart
+        o, shift = c * U(CHUNK), c * apart
         for i in range(U(CHUNK)):
-            best[o + i] += part[i] * tensors[a + i * step]
+            best[o + i] += one[i] * tensors[a + shift + i * step] + other[i] * tensors[b + shift + i * step]
 
 
 @inlined()
@@ -141,38 +145,55 @@ def _aim(normal, inverse_h, aim):
 
 
 @kernel()
-def blend_sides(
-    tensors, scores, normal, inverse_h, side_steps, x, step, y, z, ny, pitch, channels, aim, weight, part, floor,
-    better, total, best,
-):  # fmt: skip
-    """Write tensors of a chunk of voxels, blended with those along their normals.
+def _furthest(aim, n):
+    """Return the aim in the middle of a chunk, and the largest distance of the others from it, signs apart."""
+    middle = U(n // 2)
+    x, y, z = aim[middle], aim[middle + U(R1)], aim[middle + U(R2)]
+    worst = ZERO
+    for i in range(U(n)):
+        same = abs(aim[i] * x + aim[U(R1) + i] * y + aim[U(R2) + i] * z)
+        worst = max(worst, TWO - (same + same))
+    return x, y, z, np.sqrt(max(worst, ZERO)) + SLACK
 
-    Voxels x, x + step, ... of row y of plane z; ``side_steps + 1`` voxels beyond them in all directions are read.
+
+@kernel()
+def blend_sides(
+    tensors, scores, normal, inverse_h, side_steps, x, step, n, y, z, ny, pitch, channels, aim, weight, one, other,
+    floor, better, total, best,
+):  # fmt: skip
+    """Blend tensors of a chunk of n voxels with those along their normals.
+
+    Voxels x, x + step, ... of row y of plane z, whose tensors are in ``best``; ``side_steps + 1`` voxels beyond them in
+    all directions are read.
     """
     _aim(normal, inverse_h, aim)
     size = ny * pitch
     inside = y * pitch + x
-    _start(
-        tensors, scores, U(z * channels * size + inside), U(z * size + inside), U(size), U(step), floor, better,
-        total, best,
-    )  # fmt: skip
+    _start(scores, U(z * size + inside), U(step), best, floor, better, total)
     reach = side_steps + 1
     inverse_reach = ONE / np.float32(reach)
+    ax, ay, az, spread = _furthest(aim, n)
     for dz in range(reach + 1):
         for dy in range(-reach if dz > 0 else 0, reach + 1):
             for dx in range(-reach if dz > 0 or dy > 0 else 1, reach + 1):
-                # of each offset and its opposite; none further away can have weight
-                if dx * dx + dy * dy + dz * dz > reach * reach + 1:
+                # of each offset and its opposite; none further away, or too far beside all aims, can have weight
+                square = np.float32(dx * dx + dy * dy + dz * dz)
+                middle = abs(ax * np.float32(dx) + ay * np.float32(dy) + az * np.float32(dz))
+                along = middle + spread * np.sqrt(square)
+                least = middle - spread * np.sqrt(square)
+                if square - along * along > ONE or least > np.float32(reach):
                     continue
-                largest = _tube(aim, np.float32(dx), np.float32(dy), np.float32(dz), inverse_reach, weight)
-                if largest > ZERO:
-                    for side in (-1, 1):
-                        there = inside + side * (dy * pitch + dx)
-                        plane = z + side * dz
-                        _add(
-                            tensors, scores, U(plane * channels * size + there), U(plane * size + there), U(size),
-                            U(step), floor, better, weight, part, total, best,
-                        )  # fmt: skip
+                _tube(aim, np.float32(dx), np.float32(dy), np.float32(dz), inverse_reach, weight)
+                a, b = dy * pitch + dx, dz * size
+                above, below = U((z * size + b) + inside + a), U((z * size - b) + inside - a)
+                _compare(scores, above, below, U(step), floor, better, weight, one, other, total)
+                a += inside
+                above = U((z + dz) * channels * size + a)
+                below = U((z - dz) * channels * size + inside + inside - a)
+                if step == 1:
+                    _add(tensors, above, below, U(size), U(1), one, other, best)
+                else:
+                    _add(tensors, above, below, U(size), U(step), one, other, best)
     for i in range(CHUNK):
         total[i] = ONE / total[i]
     for c in range(6):

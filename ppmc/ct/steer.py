@@ -6,10 +6,13 @@ the weight of the voxel at distance d is ``(1 - |d_in|^2 / reach^2 - |d_r|^2 / a
 and along r, zero outside. It depends smoothly on r, so nothing jumps where r turns, and it knows no axes: a volume
 turned by right angles has the same windows.
 
-Of the voxels every fourth is used, the body-centred ones (all offsets even or all odd): gradients nearer to each other
-say little new. Offsets d and -d have the same weight, so the list holds one of each pair. Kernels work on a chunk of
-voxels of a row (see :mod:`ppmc.ct.eigen`); pairs beyond the window of every voxel of a few rows are passed over, which
-changes no bit.
+This is done twice: first over a few voxels, of which every fourth is used (all offsets even, or all odd), for gradients
+nearer to each other say little new; then over a wide window on a sparser lattice (offsets even, with a sum divisible by
+four), which joins the small windows. Together they are as good as one wide window at a third of the cost, and small
+windows that are disturbed by another direction, at the edges of platelets above all, need not count as much: they are
+weighted with one over the square of their least eigenvalue, which would be zero in an ideal platelet. Offsets d and -d
+have the same weight, so the list holds one of each pair. Kernels work on a chunk of voxels of a row (see
+:mod:`ppmc.ct.eigen`); pairs beyond the window of every voxel of a few rows are passed over, which changes no bit.
 """
 
 # Kernels take arrays and scalars only; numba infers their types.
@@ -23,11 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.compile_cache import fma, njit
-from ppmc.ct.eigen import CHUNK, R1, R2, R6, WORK, inlined, kernel, solve
+from ppmc.ct.eigen import CHUNK, R1, R2, R6, WORK, inlined, kernel, smallest, solve
 
 U = np.uint64
 ZERO, ONE = np.float32(0.0), np.float32(1.0)
-LEAST_VOTES = np.float32(1e-6)
+LEAST_VOTES = np.float32(1e-20)
+"""Sum of weights below which nobody voted."""
+FLOOR = np.float32(3e-3)
+"""Least eigenvalue that counts as none, in units of the trace and of what grey values of unit variance give."""
 ROWS = 8
 """Rows that share a list of pairs."""
 SUMS = 7 * CHUNK
@@ -37,9 +43,9 @@ SLACK = np.float32(1e-4)
 
 @lru_cache
 def offset_pairs(
-    reach: float, across: float, spacing: tuple[float, float, float]
+    reach: float, across: float, spacing: tuple[float, float, float], *, sparse: bool
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Return one offset of each pair of the window's lattice.
+    """Return one offset of each pair of a window's lattice.
 
     Parameters
     ----------
@@ -47,6 +53,8 @@ def offset_pairs(
         Half axes of the window in the plane and across it, mm.
     spacing : tuple of float
         Voxel size (x, y, z), mm.
+    sparse : bool
+        The second window's lattice instead of the first's.
 
     Returns
     -------
@@ -57,9 +65,13 @@ def offset_pairs(
     """
     h = np.array(spacing)
     half = [int(reach / step + 1e-6) for step in spacing]
-    axes = [np.arange(-n, n + 1) for n in half]
-    steps = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    steps = steps[(steps % 2 == steps[:, :1] % 2).all(axis=1)]
+    # x last: neighbours in the list then read the same rows, which are still in the nearest cache
+    z, y, x = np.meshgrid(*(np.arange(-n, n + 1) for n in half[::-1]), indexing="ij")
+    steps = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    if sparse:
+        steps = steps[(steps % 2 == 0).all(axis=1) & (steps.sum(axis=1) % 4 == 0)]
+    else:
+        steps = steps[(steps % 2 == steps[:, :1] % 2).all(axis=1)]
     square = np.sum((steps * h) ** 2, axis=1)
     x, y, z = steps.T
     one_of_two = (z > 0) | ((z == 0) & ((y > 0) | ((y == 0) & (x > 0))))
@@ -185,10 +197,27 @@ def _average(total, noise, n, out, o, apart):
             out[o + c * apart + i] = mean if votes > LEAST_VOTES else ZERO
 
 
+@inlined()
+def _keep(total, tensor, pure, n, out, o, apart):
+    """Store sums and votes, both weighted by how little the direction that they see is disturbed."""
+    for c in range(U(6)):
+        for i in range(U(CHUNK)):
+            votes = total[U(6 * CHUNK) + i]
+            tensor[c * U(CHUNK) + i] = total[c * U(CHUNK) + i] / votes if votes > LEAST_VOTES else ZERO
+    smallest(tensor, pure)
+    for i in range(CHUNK):
+        trace = tensor[i] + tensor[R1 + i] + tensor[R2 + i]
+        w = ONE / (max(pure[i], ZERO) + FLOOR * (trace + ONE))
+        pure[i] = w * w
+    for c in range(U(7)):
+        for i in range(U(n)):
+            out[o + c * apart + i] = pure[i] * total[c * U(CHUNK) + i]
+
+
 @njit(nogil=True)
 def steer_planes(
     sums, plane_at, shape, steps, form, reach, coarse, coarse_shape, lower, share, planes, rows, voxels, noise, out,
-    out_pitch, first, last, at_plane,
+    channels, out_pitch, first, last, at_plane,
 ):  # fmt: skip
     """Write the tensors of some planes, averaged in the planes of their platelets.
 
@@ -213,8 +242,8 @@ def steer_planes(
         First voxel of a row that is within the volume, and the end.
     noise : (6,) float32
         Tensor to subtract.
-    out, out_pitch : (planes * 6 * ny * out_pitch,) float32, int
-        Filled with planes (6, ny, out_pitch).
+    out, channels, out_pitch : (planes * channels * ny * out_pitch,) float32, int, int
+        Filled with planes (channels, ny, out_pitch): six components averaged, or seven sums.
     first, last, at_plane : int
         Planes to do, counted as ``planes`` and ``lower`` are, and the plane of ``out`` at which the first goes.
     """
@@ -230,18 +259,18 @@ def steer_planes(
     total = np.empty(SUMS, np.float32)
     chosen = np.empty(form.shape[1] + 1, np.int64)
     for plane in range(first, last):
-        target = (at_plane + plane - first) * 6 * ny * out_pitch
-        for m in range(6 * ny * out_pitch):
+        target = (at_plane + plane - first) * channels * ny * out_pitch
+        for m in range(channels * ny * out_pitch):
             out[target + m] = ZERO
-        if planes[plane] == 0:
-            continue
-        low, high = lower[0][plane] * cy, min(lower[0][plane] + 1, cz - 1) * cy
-        for i in range(voxels[0], voxels[1], CHUNK):
-            n = min(CHUNK, voxels[1] - i)
-            for j in range(0, ny, ROWS):
+    # a few rows of a chunk through all planes: what their windows have in common stays in a near cache
+    for i in range(voxels[0], voxels[1], CHUNK):
+        n = min(CHUNK, voxels[1] - i)
+        for j in range(0, ny, ROWS):
+            for plane in range(first, last):
                 many = 0
+                low, high = lower[0][plane] * cy, min(lower[0][plane] + 1, cz - 1) * cy
                 for row in range(j, min(j + ROWS, ny)):
-                    if rows[row] > 0:
+                    if planes[plane] > 0 and rows[row] > 0:
                         j0 = lower[1][row]
                         j1 = min(j0 + 1, cy - 1)
                         interpolate(
@@ -264,5 +293,9 @@ def steer_planes(
                             sums, middle, plane_at, plane - first + reach[2], pitch, apart, steps, form, chosen, count,
                             normals, U(many * 3 * CHUNK), weight, total,
                         )  # fmt: skip
-                        _average(total, noise, n, out, U(target + row * out_pitch + i), out_apart)
+                        o = U(((at_plane + plane - first) * channels * ny + row) * out_pitch + i)
+                        if channels == 6:
+                            _average(total, noise, n, out, o, out_apart)
+                        else:
+                            _keep(total, blended, weight, n, out, o, out_apart)
                         many += 1

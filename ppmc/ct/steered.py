@@ -24,10 +24,8 @@ class SteeredStream:
     counts : tuple of int (z, y, x)
         Number of tensors.
     channels, pitch : int
-        6, and the floats of a row: rows are padded.
+        Channels, tensor first, and the floats of a row: rows are padded.
     """
-
-    channels = 6
 
     def __init__(
         self,
@@ -41,6 +39,7 @@ class SteeredStream:
         noise: Floats | None = None,
         halo: int = 0,
         step: int = 1,
+        final: bool = True,
     ) -> None:
         """Prepare the sums that the windows are made of.
 
@@ -56,29 +55,36 @@ class SteeredStream:
             Tensor to subtract.
         halo, step : int
             Only voxels at most ``halo`` from every ``step``-th, from the ``halo``-th on, are wanted.
+        final : bool
+            The wide window, averaged; else the small one that it is made of, as sums with votes as a seventh channel.
         """
         assert chosen.steering is not None
-        self._steps, self._form = offset_pairs(chosen.steering.reach, chosen.steering.across, spacing)
-        self._reach = chosen.steering.voxels
+        self._steps, self._form = offset_pairs(
+            chosen.steering.reaches[final], chosen.steering.across, spacing, sparse=final
+        )
+        self._reach = chosen.steering.voxels[final]
         (z0, z1), (y0, y1), (x0, x1) = box
         x, y, z = self._reach
         wide = ((z0 - z, z1 + z), (y0 - y, y1 + y), (x0 - x, x1 + x))
-        self._stream = TensorStream(volume, chosen, reference, wide, chosen.window, averaged=False, batch=TURN)
-        counts = tuple(b - a for a, b in box)
-        self.counts = (counts[0], counts[1], counts[2])
-        self.pitch = row_pitch(counts[2], 1)
+        self._stream: TensorStream | SteeredStream
+        if final:
+            self._stream = SteeredStream(volume, spacing, chosen, reference, wide, coarse, final=False)
+        else:
+            self._stream = TensorStream(volume, chosen, reference, wide, chosen.window, averaged=False, batch=TURN)
+        self.channels = 6 if final else 7
+        self.counts = (z1 - z0, y1 - y0, x1 - x0)
+        self.pitch = row_pitch(x1 - x0, 1)
         self._box, self._coarse = box, coarse
         self._noise = np.zeros(6, np.float32) if noise is None else noise
-        inside = [
-            (np.arange(a, b) >= 0) & (np.arange(a, b) < n) for (a, b), n in zip(box, volume.shape, strict=True)
-        ]
+        inside = [(np.arange(a, b) >= 0) & (np.arange(a, b) < n) for (a, b), n in zip(box, volume.shape, strict=True)]
         self._planes, self._rows = (
             (here & _near(len(here), halo, step)).astype(np.uint8) for here in (inside[0], inside[1])
         )
         voxels = np.flatnonzero(inside[2])
         self._voxels = (int(voxels[0]), int(voxels[-1]) + 1) if voxels.size else (0, 0)
-        self._slots = TURN + 2 * self._reach[2]
-        self._ring = reused("sums", self._slots * self._stream.size + 2 * CHUNK + 2 * x)
+        self._slots = TURN + 2 * z
+        # Kernels read a whole chunk where a row ends.
+        self._ring = reused("wide sums" if final else "sums", self._slots * self._stream.size + 2 * CHUNK + 2 * x)
         self._pushed = 0
 
     @property
@@ -102,8 +108,8 @@ class SteeredStream:
             steer_planes(
                 self._ring, where, (self._stream.counts[1], self._stream.pitch), self._steps, self._form,
                 self._reach, near.reshape(-1), (near.shape[0], near.shape[1], near.shape[3]), lower, share,
-                self._planes[first:last], self._rows, self._voxels, self._noise, out, self.pitch,
-                begin - first, end - first, at + begin - first,
+                self._planes[first:last], self._rows, self._voxels, self._noise, out, self.channels,
+                self.pitch, begin - first, end - first, at + begin - first,
             )  # fmt: skip
 
     def _fill(self, first: int, last: int) -> None:

@@ -57,10 +57,17 @@ def side_halo(chosen: Settings) -> int:
     return chosen.side_steps + 1 if chosen.side_steps else 0
 
 
+def wide_reach(chosen: Settings) -> tuple[int, int, int]:
+    """Return how many voxels beyond a tensor normals are needed (z, y, x): where small steered windows are."""
+    return (0, 0, 0) if chosen.steering is None else chosen.steering.voxels[1][::-1]
+
+
 def steering_reach(chosen: Settings) -> tuple[int, int, int]:
-    """Return how many tensors beyond its middle a steered window looks at (z, y, x)."""
-    x, y, z = (0, 0, 0) if chosen.steering is None else chosen.steering.voxels
-    return z, y, x
+    """Return how many tensors beyond its middle a steered window looks at, in two turns (z, y, x)."""
+    if chosen.steering is None:
+        return 0, 0, 0
+    (x0, y0, z0), (x1, y1, z1) = chosen.steering.voxels
+    return z0 + z1, y0 + y1, x0 + x1
 
 
 def halo_of(chosen: Settings) -> tuple[int, int, int]:
@@ -83,14 +90,14 @@ def tile_bytes(tile: tuple[int, int, int], chosen: Settings, stride: int, itemsi
     pulled = min(max(BATCH, stride // dense), tile[0] * stride // dense + 1) + 2 * halo
     slab = pulled * 7
     if steered:
-        sums = (2 * TURN + 2 * steering_reach(chosen)[0] + 2 * chosen.window_radius[2]) * 7
+        sums = (3 * TURN + 2 * steering_reach(chosen)[0] + 2 * chosen.window_radius[2]) * 7
     else:
         sums = (2 * chosen.window_radius[2] + 1 + (pulled - 1) * dense) * (7 if masked else 6)
         slab += pulled if masked else 0
     tensors = (sums + slab) * plane // dense**2
     cells = CELL_BYTES if chosen.normal_window is not None else 0
-    for t, c, r in zip(tile, chosen.cell[::-1], chosen.cell_reach[::-1], strict=True):
-        cells *= (t * stride + 2 * halo) // c + 2 * r + 3
+    for t, c, r, w in zip(tile, chosen.cell[::-1], chosen.cell_reach[::-1], wide_reach(chosen), strict=True):
+        cells *= (t * stride + 2 * (halo + w)) // c + 2 * r + 3
     values = 4 + itemsize + (16 if masked else 8 if steered else 0)
     return cells + voxels * values + tensors + PLANES * plane + FIELD_BYTES * outputs
 

@@ -37,8 +37,11 @@ def test_advice_follows_wavelength_and_thickness(in_memory):
     assert fine.sigma == pytest.approx(0.1, rel=0.15)
     assert coarse.sigma == pytest.approx(2 * fine.sigma, rel=0.2)
     assert fine.signal_to_noise == pytest.approx(10.0, rel=0.3)
-    flat = advise(in_memory(plane_waves(64, 5.0)), (0.1, 0.1, 0.1), 0.6)
-    assert flat.fibre_window[2] < 0.3 * flat.fibre_window[0]
+    assert fine.fibre_window == pytest.approx((2 * fine.sigma,) * 3)
+    # the window follows the platelets' plane where their thickness is known
+    platelets = advise(in_memory(plane_waves(64, 5.0)), (0.1, 0.1, 0.1), 0.6)
+    assert platelets.fibre_window is None
+    assert not any("fibre_window" in line for line in platelets.lines())
 
 
 def test_a_volume_without_texture_gets_advice_all_the_same(in_memory):
