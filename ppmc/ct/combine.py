@@ -13,17 +13,19 @@ from __future__ import annotations
 import numpy as np
 
 from ppmc.compile_cache import njit
-from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, R9, R10, R11, WORK, inlined, kernel, smallest, solve
+from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, R9, R10, R11, WORK, kernel, smallest, solve
 from ppmc.ct.sides import blend_sides, load, press_flat
 from ppmc.ct.steer import interpolate
 
-U = np.uint64
+I, U = np.int64, np.uint64  # a literal number would have a kernel compiled for itself
 ZERO, ONE, TINY = np.float32(0.0), np.float32(1.0), np.float32(1e-30)
 ROUNDING = np.float32(1e-4)
 """Share of the largest eigenvalue below which differences of eigenvalues mean nothing in float32."""
 FLATNESS = np.float32(10.0)
 """Penalty on p leaving the plane of r, in units of the least eigenvalue: nothing where p is certain, decisive where
 two platelets mix (at 10 the mean tensors of the phantom err by less than half of what they do without)."""
+BUFFERS = (6, 6, 9, 9, WORK // CHUNK, 12, 3, 1, 1, 1, 1, 1, 1)
+"""Rows of the arrays that :func:`orient_planes` works on."""
 ROWS = 16
 """Rows that are done plane after plane."""
 DEGREES, RIGHT_ANGLE = np.float32(180.0 / np.pi), np.float32(90.0)
@@ -31,7 +33,7 @@ PARALLEL = np.float32(0.05)
 """Sine below which a normal is too close to p to be made orthogonal to it; the small window's normal serves then."""
 
 
-@inlined()
+@kernel()
 def _release(small, press, normal):
     """Take the pressure out of the eigenvalues again: mean squared gradients along the axes that were found."""
     for i in range(CHUNK):
@@ -47,7 +49,7 @@ def _release(small, press, normal):
         small[R2 + i] = high
 
 
-@inlined()
+@kernel()
 def _orthogonal(small, large):
     """Make the normals of ``large`` orthogonal to p of ``small``; where they are parallel to it, take ``small``'s."""
     for i in range(CHUNK):
@@ -72,7 +74,7 @@ def _orthogonal(small, large):
         large[R8 + i] = norm * rz
 
 
-@inlined()
+@kernel()
 def _axes(small, large, frame):
     """Write p and r into rows 0 to 5 of ``frame``, one sign for each axis: p towards +x, r towards +z."""
     for i in range(CHUNK):
@@ -92,7 +94,7 @@ def _axes(small, large, frame):
         frame[R5 + i] = sign * z
 
 
-@inlined()
+@kernel()
 def _certainty(small, large, scale, samples, frame):
     """Write eigenvalues, linearity of p, planarity of r and predicted error of p into rows 6 to 11 of ``frame``."""
     for i in range(CHUNK):
@@ -128,19 +130,13 @@ def _store_vectors(frame, row, out, first, n):
 
 
 @kernel()
-def _store_certainty(frame, confidence, planarity, predicted, first, n):
+def _store_certainty(frame, least_energy, least_confidence, confidence, planarity, predicted, valid, first, n):
+    """Store what is certain; clear ``valid`` where there is too little texture or p is too uncertain."""
     o = U(first)
     for i in range(U(n)):
         confidence[o + i] = frame[R9 + i]
         planarity[o + i] = frame[R10 + i]
         predicted[o + i] = frame[R11 + i]
-
-
-@inlined()
-def _judge(frame, least_energy, least_confidence, valid, first, n):
-    """Clear ``valid`` where there is too little texture or p is too uncertain; zeros on entry stay."""
-    o = U(first)
-    for i in range(U(n)):
         energy = frame[R6 + i] + frame[R7 + i] + frame[R8 + i]
         good = (energy > least_energy) & (frame[R9 + i] >= least_confidence)
         valid[o + i] = valid[o + i] if good else np.uint8(0)
@@ -150,7 +146,7 @@ def _judge(frame, least_energy, least_confidence, valid, first, n):
 def orient_planes(
     tensors, scores, shape, corner, step, inverse_h, side_steps, coarse, coarse_shape, lower, share, scale,
     least_energy, least_confidence, samples, out_shape, first, fibre, normal, values, confidence, planarity,
-    predicted, valid,
+    predicted, valid, buffers,
 ):  # fmt: skip
     """Turn planes of tensors into orientations.
 
@@ -184,24 +180,14 @@ def orient_planes(
     confidence, planarity, predicted : (n,) float32
     valid : (n,) uint8
         Filled; ``valid`` keeps zeros it has on entry.
+    buffers : tuple of arrays
+        :func:`~ppmc.ct.eigen.scratch` of ``BUFFERS`` rows.
     """
     oz, oy, ox = out_shape
     ny, pitch, channels = shape
     cz, cy, cx = coarse_shape
     two_scales = coarse.shape[0] > 0
-    best = np.empty(6 * CHUNK, np.float32)
-    blended = np.empty(6 * CHUNK, np.float32)
-    for m in range(6 * CHUNK):  # a chunk is always solved whole, whatever its last part holds
-        best[m] = ZERO
-        blended[m] = ZERO
-    small = np.empty(9 * CHUNK, np.float32)
-    large = np.empty(9 * CHUNK, np.float32)
-    work = np.empty(WORK, np.float32)
-    frame = np.empty(12 * CHUNK, np.float32)
-    aim = np.empty(3 * CHUNK, np.float32)
-    weight, one, other = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)
-    floor, better = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)
-    total, press = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)
+    best, blended, small, large, work, frame, aim, one, other, floor, better, total, press = buffers
     # a few rows of a chunk through all planes: what displaced windows have in common stays in a near cache
     for rows in range(0, oy, ROWS):
         for i in range(0, ox, CHUNK):
@@ -225,8 +211,8 @@ def orient_planes(
                         solve(best, work, large)
                     if side_steps > 0:
                         blend_sides(
-                            tensors, scores, large, inverse_h, side_steps, x, step, n, y, z, ny, pitch, channels, aim,
-                            weight, one, other, floor, better, total, best,
+                            tensors, scores, large, inverse_h, side_steps, x, step, n, y, z, ny, pitch, channels,
+                            aim, one, other, floor, better, total, best,
                         )  # fmt: skip
                     if two_scales:
                         smallest(best, press)
@@ -244,8 +230,9 @@ def orient_planes(
                     _axes(small, judge_by, frame)
                     _certainty(small, judge_by, scale, samples, frame)
                     o = first + (k * oy + j) * ox + i
-                    _store_vectors(frame, 0, fibre, o, n)
-                    _store_vectors(frame, 3, normal, o, n)
-                    _store_vectors(frame, 6, values, o, n)
-                    _store_certainty(frame, confidence, planarity, predicted, o, n)
-                    _judge(frame, least_energy, least_confidence, valid, o, n)
+                    _store_vectors(frame, I(0), fibre, o, n)
+                    _store_vectors(frame, I(3), normal, o, n)
+                    _store_vectors(frame, I(6), values, o, n)
+                    _store_certainty(
+                        frame, least_energy, least_confidence, confidence, planarity, predicted, valid, o, n
+                    )

@@ -48,6 +48,14 @@ FLAT = F(1e-12)
 """Deviators with a squared norm below this share of the squared trace are treated as exactly isotropic."""
 
 
+def scratch(*rows: int) -> tuple[NDArray[np.float32], ...]:
+    """Return arrays of some rows each, for a kernel to work on; made outside, for that compiles in no time.
+
+    They hold zeros, for a chunk is always worked on whole, whatever its last part holds.
+    """
+    return tuple(np.zeros(n * CHUNK, np.float32) for n in rows)
+
+
 @njit(inline="always")
 def _third_cosine(h):
     """Return ``cos(acos(h) / 3)`` for ``-1 <= h <= 1``."""

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.ct.block import EMPTY, Box, Coarse, Floats, Reference, TensorStream
-from ppmc.ct.combine import orient_planes
-from ppmc.ct.eigen import CHUNK
+from ppmc.ct.combine import BUFFERS, orient_planes
+from ppmc.ct.eigen import CHUNK, scratch
 from ppmc.ct.layout import reused
 from ppmc.ct.noise import independent_samples, tilting_part
 from ppmc.ct.normals import Cells
@@ -165,6 +165,7 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
     slab = reused("slab", most * plane + CHUNK * apart)
     scores = reused("scores", most * size + CHUNK * apart) if halo else EMPTY
     inside, rows, columns = (_within(span, n) for span, n in zip(voxels, job.volume.shape, strict=True))
+    buffers, score_buffers = scratch(*BUFFERS), scratch(6, 1)
     have = (0, 0)
     for first in range(0, oz, batch):
         last = min(first + batch, oz)
@@ -177,7 +178,7 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
             scores[: kept * size] = scores[(have[1] - have[0] - kept) * size : (have[1] - have[0]) * size].copy()
             score_planes(
                 slab, (inside[0] - want[0], inside[1] - want[0]), kept, want[1] - want[0], stream.channels,
-                (ny, stream.pitch), rows, columns, scores,
+                (ny, stream.pitch), rows, columns, scores, score_buffers,
             )  # fmt: skip
         have = want
         lower, share, near = EMPTY_AXES, EMPTY_SHARES, EMPTY_COARSE
@@ -188,7 +189,7 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
             slab, scores, (ny, stream.pitch, stream.channels), np.full(3, halo), apart, inverse_h,
             job.chosen.side_steps, near.reshape(-1), (near.shape[0], near.shape[1], near.shape[3]), lower, share,
             np.float32(scale), np.float32(scale * least_energy), np.float32(job.least_confidence), samples,
-            (last - first, oy, ox), first * oy * ox, *flat,
+            (last - first, oy, ox), first * oy * ox, *flat, buffers,
         )  # fmt: skip
 
 

@@ -15,17 +15,16 @@ from __future__ import annotations
 import numpy as np
 
 from ppmc.compile_cache import njit
-from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, inlined, kernel, smallest
+from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, kernel, smallest
+from ppmc.ct.steer import spread_of
 
-U = np.uint64
-ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+I, U = np.int64, np.uint64  # a literal number would have a kernel compiled for itself
+ZERO, ONE = np.float32(0.0), np.float32(1.0)
 FLOOR = np.float32(3e-4)
 """Share of the centred window's trace below which least eigenvalues do not count as different."""
 NOWHERE = np.float32(1e30)
 """Score where there is no tensor: outside the volume or the mask."""
 TINY = np.float32(1e-30)
-SLACK = np.float32(1e-3)
-"""Rounding allowed for where offsets are passed over; far more than float32 needs."""
 
 
 @kernel()
@@ -43,7 +42,7 @@ def load(tensors, first, apart, step, n, out):
 
 
 @njit(nogil=True)
-def score_planes(tensors, planes, first, last, channels, shape, rows, voxels, scores):
+def score_planes(tensors, planes, first, last, channels, shape, rows, voxels, scores, buffers):
     """Write the least eigenvalue of every tensor of some planes, at least zero.
 
     Parameters
@@ -61,11 +60,12 @@ def score_planes(tensors, planes, first, last, channels, shape, rows, voxels, sc
         First row, and first voxel of a row, within the volume, and the ends.
     scores : (planes * ny * pitch,) float32
         Filled.
+    buffers : tuple of arrays
+        :func:`~ppmc.ct.eigen.scratch` of 6 and 1 rows.
     """
     ny, pitch = shape
     size = ny * pitch
-    chunk = np.zeros(6 * CHUNK, np.float32)
-    score = np.empty(CHUNK, np.float32)
+    chunk, score = buffers
     for plane in range(first, last):
         base = plane * size
         for i in range(U(size)):
@@ -75,7 +75,7 @@ def score_planes(tensors, planes, first, last, channels, shape, rows, voxels, sc
         for row in range(rows[0], rows[1]):
             for at in range(voxels[0], voxels[1], CHUNK):
                 n = min(CHUNK, voxels[1] - at)
-                load(tensors, plane * channels * size + row * pitch + at, size, 1, n, chunk)
+                load(tensors, plane * channels * size + row * pitch + at, size, I(1), n, chunk)
                 smallest(chunk, score)
                 o = U(base + row * pitch + at)
                 for i in range(U(n)):
@@ -83,56 +83,12 @@ def score_planes(tensors, planes, first, last, channels, shape, rows, voxels, sc
                     scores[o + i] = max(score[i], ZERO) if there else NOWHERE
 
 
-@inlined()
-def _start(scores, at, step, best, floor, better, total):
-    """Give the centred windows weight one; the floor is a share of their trace. None stands in for one that is not."""
-    for i in range(CHUNK):
-        floor[i] = FLOOR * max(best[i] + best[R1 + i] + best[R2 + i], ZERO) + TINY
-        score = scores[at + U(i) * step]
-        better[i] = score + floor[i] if score < NOWHERE else ZERO
-        total[i] = ONE
+@kernel()
+def _prepare(normal, inverse_h, scores, at, step, best, aim, floor, better, total):
+    """Write unit vectors along the normals, counted in voxels, and give the centred windows weight one.
 
-
-@inlined()
-def _tube(aim, x, y, z, inverse_reach, weight):
-    """Write the weights of an offset for a chunk: one on the line along the aim, falling to zero a voxel beside it
-    and ``side_steps + 1`` voxels along it."""
-    square = x * x + y * y + z * z
-    for i in range(CHUNK):
-        along = aim[i] * x + aim[R1 + i] * y + aim[R2 + i] * z
-        beside = max(ONE - (square - along * along), ZERO)
-        share = along * inverse_reach
-        share *= share
-        weight[i] = beside * beside * max(ONE - share * share, ZERO)
-
-
-@inlined()
-def _compare(scores, a, b, step, floor, better, weight, one, other, total):
-    """Write the weights of two displaced windows, by how much better or worse than the centred ones they are."""
-    for i in range(CHUNK):
-        p = better[i] / (scores[a + U(i) * step] + floor[i])
-        q = better[i] / (scores[b + U(i) * step] + floor[i])
-        p *= p
-        q *= q
-        p *= p * weight[i]
-        q *= q * weight[i]
-        one[i] = p
-        other[i] = q
-        total[i] += p + q
-
-
-@inlined()
-def _add(tensors, a, b, apart, step, one, other, best):
-    """Add two displaced windows; the sum of both is made first, for it must not depend on which is which."""
-    for c in range(U(6)):
-        o, shift = c * U(CHUNK), c * apart
-        for i in range(U(CHUNK)):
-            best[o + i] += one[i] * tensors[a + shift + i * step] + other[i] * tensors[b + shift + i * step]
-
-
-@inlined()
-def _aim(normal, inverse_h, aim):
-    """Write unit vectors along the normals, counted in voxels."""
+    The floor is a share of their trace; nothing stands in for a window that is not there.
+    """
     hx, hy, hz = inverse_h[0], inverse_h[1], inverse_h[2]
     for i in range(CHUNK):
         x = normal[R6 + i] * hx
@@ -142,23 +98,49 @@ def _aim(normal, inverse_h, aim):
         aim[i] = x * scale
         aim[R1 + i] = y * scale
         aim[R2 + i] = z * scale
+        floor[i] = FLOOR * max(best[i] + best[R1 + i] + best[R2 + i], ZERO) + TINY
+        score = scores[at + U(i) * step]
+        better[i] = score + floor[i] if score < NOWHERE else ZERO
+        total[i] = ONE
 
 
 @kernel()
-def _furthest(aim, n):
-    """Return the aim in the middle of a chunk, and the largest distance of the others from it, signs apart."""
-    middle = U(n // 2)
-    x, y, z = aim[middle], aim[middle + U(R1)], aim[middle + U(R2)]
-    worst = ZERO
-    for i in range(U(n)):
-        same = abs(aim[i] * x + aim[U(R1) + i] * y + aim[U(R2) + i] * z)
-        worst = max(worst, TWO - (same + same))
-    return x, y, z, np.sqrt(max(worst, ZERO)) + SLACK
+def _weigh(aim, x, y, z, inverse_reach, scores, a, b, step, floor, better, one, other, total):
+    """Write the weights of two windows, displaced by (x, y, z) and by its opposite.
+
+    They are one on the line along the aim and fall to zero a voxel beside it and ``side_steps + 1`` voxels along it;
+    times how much better or worse than the centred windows they are.
+    """
+    square = x * x + y * y + z * z
+    for i in range(CHUNK):
+        along = aim[i] * x + aim[R1 + i] * y + aim[R2 + i] * z
+        beside = max(ONE - (square - along * along), ZERO)
+        share = along * inverse_reach
+        share *= share
+        weight = beside * beside * max(ONE - share * share, ZERO)
+        p = better[i] / (scores[a + U(i) * step] + floor[i])
+        q = better[i] / (scores[b + U(i) * step] + floor[i])
+        p *= p
+        q *= q
+        p *= p * weight
+        q *= q * weight
+        one[i] = p
+        other[i] = q
+        total[i] += p + q
+
+
+@kernel()
+def _add(tensors, a, b, apart, step, channels, one, other, best):
+    """Add two displaced windows; the sum of both is made first, for it must not depend on which is which."""
+    for c in range(channels):
+        o, shift = c * U(CHUNK), c * apart
+        for i in range(U(CHUNK)):
+            best[o + i] += one[i] * tensors[a + shift + i * step] + other[i] * tensors[b + shift + i * step]
 
 
 @kernel()
 def blend_sides(
-    tensors, scores, normal, inverse_h, side_steps, x, step, n, y, z, ny, pitch, channels, aim, weight, one, other,
+    tensors, scores, normal, inverse_h, side_steps, x, step, n, y, z, ny, pitch, channels, aim, one, other,
     floor, better, total, best,
 ):  # fmt: skip
     """Blend tensors of a chunk of n voxels with those along their normals.
@@ -166,13 +148,12 @@ def blend_sides(
     Voxels x, x + step, ... of row y of plane z, whose tensors are in ``best``; ``side_steps + 1`` voxels beyond them in
     all directions are read.
     """
-    _aim(normal, inverse_h, aim)
     size = ny * pitch
     inside = y * pitch + x
-    _start(scores, U(z * size + inside), U(step), best, floor, better, total)
+    _prepare(normal, inverse_h, scores, U(z * size + inside), U(step), best, aim, floor, better, total)
     reach = side_steps + 1
     inverse_reach = ONE / np.float32(reach)
-    ax, ay, az, spread = _furthest(aim, n)
+    ax, ay, az, spread = spread_of(aim, I(1), n)
     for dz in range(reach + 1):
         for dy in range(-reach if dz > 0 else 0, reach + 1):
             for dx in range(-reach if dz > 0 or dy > 0 else 1, reach + 1):
@@ -183,17 +164,16 @@ def blend_sides(
                 least = middle - spread * np.sqrt(square)
                 if square - along * along > ONE or least > np.float32(reach):
                     continue
-                _tube(aim, np.float32(dx), np.float32(dy), np.float32(dz), inverse_reach, weight)
                 a, b = dy * pitch + dx, dz * size
-                above, below = U((z * size + b) + inside + a), U((z * size - b) + inside - a)
-                _compare(scores, above, below, U(step), floor, better, weight, one, other, total)
+                _weigh(
+                    aim, np.float32(dx), np.float32(dy), np.float32(dz), inverse_reach, scores,
+                    U((z * size + b) + inside + a), U((z * size - b) + inside - a), U(step), floor, better, one, other,
+                    total,
+                )  # fmt: skip
                 a += inside
                 above = U((z + dz) * channels * size + a)
                 below = U((z - dz) * channels * size + inside + inside - a)
-                if step == 1:
-                    _add(tensors, above, below, U(size), U(1), one, other, best)
-                else:
-                    _add(tensors, above, below, U(size), U(step), one, other, best)
+                _add(tensors, above, below, U(size), U(step), U(6), one, other, best)
     for i in range(CHUNK):
         total[i] = ONE / total[i]
     for c in range(6):
@@ -201,7 +181,7 @@ def blend_sides(
             best[c * CHUNK + i] *= total[i]
 
 
-@inlined()
+@kernel()
 def press_flat(tensor, press, normal):
     """Add to each tensor ``press`` times its normal's dyad: a doubtful p is kept in the platelet's plane."""
     for i in range(CHUNK):

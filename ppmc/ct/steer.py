@@ -26,9 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.compile_cache import fma, njit
-from ppmc.ct.eigen import CHUNK, R1, R2, R6, WORK, inlined, kernel, smallest, solve
+from ppmc.ct.eigen import CHUNK, R1, R2, R6, WORK, kernel, smallest, solve
 
-U = np.uint64
+I, U = np.int64, np.uint64  # a literal number would have a kernel compiled for itself
 ZERO, ONE = np.float32(0.0), np.float32(1.0)
 LEAST_VOTES = np.float32(1e-20)
 """Sum of weights below which nobody voted."""
@@ -36,7 +36,8 @@ FLOOR = np.float32(3e-3)
 """Least eigenvalue that counts as none, in units of the trace and of what grey values of unit variance give."""
 ROWS = 8
 """Rows that share a list of pairs."""
-SUMS = 7 * CHUNK
+BUFFERS = (6, WORK // CHUNK, 9, 3 * ROWS, 2, 7)
+"""Rows of the arrays that :func:`steer_planes` works on."""
 SLACK = np.float32(1e-4)
 """Rounding allowed for where pairs are passed over; far more than float32 needs."""
 
@@ -59,7 +60,7 @@ def offset_pairs(
     Returns
     -------
     steps : ndarray, shape (n, 3)
-        Offsets (x, y, z), voxels; the pair of the first is itself, (0, 0, 0).
+        Offsets (x, y, z), voxels; the pair of the first is itself, (0, 0, 0), and the last never has any weight.
     form : ndarray, shape (5, n)
         The weight for a normal r is ``max(c - (g . r)^2, 0)^2``: rows g_x, g_y, g_z, c and the length of g.
     """
@@ -79,8 +80,10 @@ def offset_pairs(
     steps = np.concatenate([np.zeros((1, 3), np.int64), steps[one_of_two & near]])
     c = 1.0 - np.sum((steps * h) ** 2, axis=1) / reach**2
     g = steps * h * np.sqrt(1.0 / across**2 - 1.0 / reach**2)
-    form = np.concatenate([g.T, [c, np.linalg.norm(g, axis=1)]]).astype(np.float32)
-    return steps.astype(np.int64), np.ascontiguousarray(form)
+    form = np.concatenate([g.T, [c, np.linalg.norm(g, axis=1)]])
+    # last comes a pair that never counts
+    steps, form = np.vstack([steps, [0, 0, 0]]), np.hstack([form, [[0.0], [0.0], [0.0], [-1.0], [0.0]]])
+    return steps.astype(np.int64), np.ascontiguousarray(form, np.float32)
 
 
 @kernel()
@@ -100,7 +103,7 @@ def interpolate(coarse, low, low1, high, high1, apart, b, a, n, out):
 
 
 @kernel()
-def _spread(normals, rows, n):
+def spread_of(normals, rows, n):
     """Return the normal in the middle of some rows, and the largest distance of the others from it, signs apart."""
     middle = U((rows // 2) * 3 * CHUNK + n // 2)
     x, y, z = normals[middle], normals[middle + U(R1)], normals[middle + U(R2)]
@@ -122,102 +125,80 @@ def _within(form, x, y, z, spread, chosen):
         along = abs(form[0, k] * x + form[1, k] * y + form[2, k] * z) - spread * form[4, k]
         chosen[count] = k
         count += 1 if along < ZERO or along * along < form[3, k] + SLACK else 0
-    return count
+    # the last of the list has no weight for anybody: it makes the number even
+    chosen[count] = form.shape[1] - 1
+    return count + count % 2
 
 
-@inlined()
-def _weigh(form, k, normals, first, weight, at):
-    """Write the weights of a pair for a chunk of normals."""
-    gx, gy, gz, c = form[0, k], form[1, k], form[2, k], form[3, k]
+@kernel()
+def _add(sums, a, b, p, q, form, m, n, normals, first, weight, apart, channels, total):
+    """Add two pairs of the list, m and n, of windows to all channels, weighted for each normal of a chunk."""
+    gx, gy, gz, c = form[0, m], form[1, m], form[2, m], form[3, m]
+    hx, hy, hz, d = form[0, n], form[1, n], form[2, n], form[3, n]
     for i in range(U(CHUNK)):
-        along = fma(gx, normals[first + i], fma(gy, normals[first + U(R1) + i], gz * normals[first + U(R2) + i]))
-        w = max(fma(-along, along, c), ZERO)
-        weight[at + i] = w * w
-
-
-@inlined()
-def _add_one(sums, a, b, weight, apart, total):
-    for c in range(U(7)):
-        o, shift = c * U(CHUNK), c * apart
-        for i in range(U(CHUNK)):
-            total[o + i] = fma(weight[i], sums[a + shift + i] + sums[b + shift + i], total[o + i])
-
-
-@inlined()
-def _add_two(sums, a, b, p, q, weight, apart, total):
-    for c in range(U(7)):
-        o, shift = c * U(CHUNK), c * apart
+        x, y, z = normals[first + i], normals[first + U(R1) + i], normals[first + U(R2) + i]
+        one = fma(gx, x, fma(gy, y, gz * z))
+        two = fma(hx, x, fma(hy, y, hz * z))
+        one = max(fma(-one, one, c), ZERO)
+        two = max(fma(-two, two, d), ZERO)
+        weight[i] = one * one
+        weight[U(CHUNK) + i] = two * two
+    for channel in range(channels):
+        o, shift = channel * U(CHUNK), channel * apart
         for i in range(U(CHUNK)):
             t = fma(weight[i], sums[a + shift + i] + sums[b + shift + i], total[o + i])
             total[o + i] = fma(weight[U(CHUNK) + i], sums[p + shift + i] + sums[q + shift + i], t)
 
 
 @kernel()
-def _gather(sums, middle, plane_at, z, row_pitch, apart, steps, form, chosen, count, normals, first, weight, total):
-    """Sum a chunk of windows about the voxels from ``middle`` (in its plane) on: six channels and the votes.
+def _gather(
+    sums, middle, plane_at, z, row_pitch, apart, channels, steps, form, chosen, count, normals, first, weight, total
+):
+    """Sum a chunk of windows about the voxels from ``middle`` (in its plane) on; ``count`` is even.
 
-    The pair of the voxel itself counts it twice, as it should with half its weight: hence the first term.
+    The pair of the voxel itself counts it twice: hence the first term.
     """
     here = plane_at[z]
-    for c in range(U(7)):
+    for c in range(channels):
         a = U(here + middle) + c * apart
         for i in range(U(CHUNK)):
             total[c * U(CHUNK) + i] = -sums[a + i]
-    k = 0
-    while k + 1 < count:
+    for k in range(0, count, 2):
         m, n = chosen[k], chosen[k + 1]
-        _weigh(form, m, normals, first, weight, U(0))
-        _weigh(form, n, normals, first, weight, U(CHUNK))
         at_m = steps[m, 1] * row_pitch + steps[m, 0]
         at_n = steps[n, 1] * row_pitch + steps[n, 0]
-        _add_two(
+        _add(
             sums, U(plane_at[z + steps[m, 2]] + middle + at_m), U(plane_at[z - steps[m, 2]] + middle - at_m),
             U(plane_at[z + steps[n, 2]] + middle + at_n), U(plane_at[z - steps[n, 2]] + middle - at_n),
-            weight, apart, total,
-        )  # fmt: skip
-        k += 2
-    if k < count:
-        m = chosen[k]
-        _weigh(form, m, normals, first, weight, U(0))
-        at_m = steps[m, 1] * row_pitch + steps[m, 0]
-        _add_one(
-            sums, U(plane_at[z + steps[m, 2]] + middle + at_m), U(plane_at[z - steps[m, 2]] + middle - at_m),
-            weight, apart, total,
+            form, m, n, normals, first, weight, apart, channels, total,
         )  # fmt: skip
 
 
-@inlined()
-def _average(total, noise, n, out, o, apart):
-    """Store sums divided by their votes, less the noise's share; nothing where nobody voted."""
-    for c in range(U(6)):
-        share = noise[c]
-        for i in range(U(n)):
-            votes = total[U(6 * CHUNK) + i]
-            mean = total[c * U(CHUNK) + i] / votes - share
-            out[o + c * apart + i] = mean if votes > LEAST_VOTES else ZERO
+@kernel()
+def _finish(total, score, noise, final):
+    """Turn sums and votes into what is kept of them.
 
-
-@inlined()
-def _keep(total, tensor, pure, n, out, o, apart):
-    """Store sums and votes, both weighted by how little the direction that they see is disturbed."""
-    for c in range(U(6)):
-        for i in range(U(CHUNK)):
-            votes = total[U(6 * CHUNK) + i]
-            tensor[c * U(CHUNK) + i] = total[c * U(CHUNK) + i] / votes if votes > LEAST_VOTES else ZERO
-    smallest(tensor, pure)
+    In the end that is the average, less the noise's share, or nothing where nobody voted. Before that it is sums and
+    votes, weighted by how little the direction that they see is disturbed.
+    """
+    if not final:
+        smallest(total, score)
     for i in range(CHUNK):
-        trace = tensor[i] + tensor[R1 + i] + tensor[R2 + i]
-        w = ONE / (max(pure[i], ZERO) + FLOOR * (trace + ONE))
-        pure[i] = w * w
-    for c in range(U(7)):
-        for i in range(U(n)):
-            out[o + c * apart + i] = pure[i] * total[c * U(CHUNK) + i]
+        votes = total[R6 + i]
+        one = ONE / votes if votes > LEAST_VOTES else ZERO
+        trace = (total[i] + total[R1 + i] + total[R2 + i]) * one
+        w = ONE / (max(score[i] * one, ZERO) + FLOOR * (trace + ONE))
+        score[i] = one if final else w * w
+    for c in range(7):
+        share = noise[c]
+        for i in range(CHUNK):
+            total[c * CHUNK + i] = total[c * CHUNK + i] * score[i] - share
 
 
 @njit(nogil=True)
 def steer_planes(
     sums, plane_at, shape, steps, form, reach, coarse, coarse_shape, lower, share, planes, rows, voxels, noise, out,
-    channels, out_pitch, first, last, at_plane,
+    channels, out_pitch, first, last, at_plane, chosen, buffers,
 ):  # fmt: skip
     """Write the tensors of some planes, averaged in the planes of their platelets.
 
@@ -240,24 +221,20 @@ def steer_planes(
         Non-zero for those that are wanted and within the volume; others get no tensor.
     voxels : two ints
         First voxel of a row that is within the volume, and the end.
-    noise : (6,) float32
-        Tensor to subtract.
+    noise : (7,) float32
+        What to subtract.
     out, channels, out_pitch : (planes * channels * ny * out_pitch,) float32, int, int
         Filled with planes (channels, ny, out_pitch): six components averaged, or seven sums.
     first, last, at_plane : int
         Planes to do, counted as ``planes`` and ``lower`` are, and the plane of ``out`` at which the first goes.
+    chosen, buffers : (pairs + 1,) int64, tuple of arrays
+        Place for a list of pairs, and :func:`~ppmc.ct.eigen.scratch` of ``BUFFERS`` rows.
     """
     pitch = shape[1]
     ny = rows.shape[0]
     cz, cy, cx = coarse_shape
     apart, out_apart, far = U(shape[0] * pitch), U(ny * out_pitch), 6 * cx
-    blended = np.zeros(6 * CHUNK, np.float32)
-    work = np.empty(WORK, np.float32)
-    large = np.empty(9 * CHUNK, np.float32)
-    normals = np.zeros(ROWS * 3 * CHUNK, np.float32)
-    weight = np.empty(2 * CHUNK, np.float32)
-    total = np.empty(SUMS, np.float32)
-    chosen = np.empty(form.shape[1] + 1, np.int64)
+    blended, work, large, normals, weight, total = buffers
     for plane in range(first, last):
         target = (at_plane + plane - first) * channels * ny * out_pitch
         for m in range(channels * ny * out_pitch):
@@ -283,19 +260,19 @@ def steer_planes(
                         many += 1
                 if many == 0:
                     continue
-                x, y, z, spread = _spread(normals, many, n)
+                x, y, z, spread = spread_of(normals, I(many), n)
                 count = _within(form, x, y, z, spread, chosen)
                 many = 0
                 for row in range(j, min(j + ROWS, ny)):
                     if rows[row] > 0:
                         middle = (row + reach[1]) * pitch + i + reach[0]
                         _gather(
-                            sums, middle, plane_at, plane - first + reach[2], pitch, apart, steps, form, chosen, count,
-                            normals, U(many * 3 * CHUNK), weight, total,
+                            sums, middle, plane_at, plane - first + reach[2], pitch, apart, U(7), steps, form, chosen,
+                            count, normals, U(many * 3 * CHUNK), weight, total,
                         )  # fmt: skip
+                        _finish(total, weight, noise, channels == 6)
                         o = U(((at_plane + plane - first) * channels * ny + row) * out_pitch + i)
-                        if channels == 6:
-                            _average(total, noise, n, out, o, out_apart)
-                        else:
-                            _keep(total, blended, weight, n, out, o, out_apart)
+                        for c in range(U(channels)):
+                            for m in range(U(n)):
+                                out[o + c * out_apart + m] = total[c * U(CHUNK) + m]
                         many += 1

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.ct.block import Box, Coarse, Floats, Reference, TensorStream
-from ppmc.ct.eigen import CHUNK
+from ppmc.ct.eigen import CHUNK, scratch
 from ppmc.ct.layout import reused, row_pitch
 from ppmc.ct.settings import Settings
 from ppmc.ct.source import Volume
-from ppmc.ct.steer import offset_pairs, steer_planes
+from ppmc.ct.steer import BUFFERS, offset_pairs, steer_planes
 
 TURN = 8
 """Planes at a time: fewer keep less in memory, more share what their small windows have in common."""
@@ -75,7 +75,9 @@ class SteeredStream:
         self.counts = (z1 - z0, y1 - y0, x1 - x0)
         self.pitch = row_pitch(x1 - x0, 1)
         self._box, self._coarse = box, coarse
-        self._noise = np.zeros(6, np.float32) if noise is None else noise
+        self._noise = np.zeros(7, np.float32)
+        if noise is not None:
+            self._noise[:6] = noise
         inside = [(np.arange(a, b) >= 0) & (np.arange(a, b) < n) for (a, b), n in zip(box, volume.shape, strict=True)]
         self._planes, self._rows = (
             (here & _near(len(here), halo, step)).astype(np.uint8) for here in (inside[0], inside[1])
@@ -85,6 +87,8 @@ class SteeredStream:
         self._slots = TURN + 2 * z
         # Kernels read a whole chunk where a row ends.
         self._ring = reused("wide sums" if final else "sums", self._slots * self._stream.size + 2 * CHUNK + 2 * x)
+        self._chosen = np.empty(len(self._steps) + 1, np.int64)
+        self._buffers = scratch(*BUFFERS)
         self._pushed = 0
 
     @property
@@ -109,7 +113,7 @@ class SteeredStream:
                 self._ring, where, (self._stream.counts[1], self._stream.pitch), self._steps, self._form,
                 self._reach, near.reshape(-1), (near.shape[0], near.shape[1], near.shape[3]), lower, share,
                 self._planes[first:last], self._rows, self._voxels, self._noise, out, self.channels,
-                self.pitch, begin - first, end - first, at + begin - first,
+                self.pitch, begin - first, end - first, at + begin - first, self._chosen, self._buffers,
             )  # fmt: skip
 
     def _fill(self, first: int, last: int) -> None:

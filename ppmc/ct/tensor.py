@@ -23,6 +23,8 @@ import numpy as np
 from ppmc.compile_cache import njit
 from ppmc.ct.passes import U, both, even, kernel, odd, pairs_of, scale, stretches, weights
 
+I = np.int64
+"""A literal number would have a kernel compiled for itself."""
 ZERO = np.float32(0.0)
 LEAST_WEIGHT = np.float32(1e-6)
 BAND = 1024
@@ -38,7 +40,7 @@ STRETCH = 512
 @kernel()
 def _stretches_of_phases(first, radius, pairs, phases, size):
     """Return :func:`stretches` of voxels first, first + 1, ... of rows stored in phases of ``size`` floats."""
-    at = stretches(radius, pairs, 1)
+    at = stretches(radius, pairs, I(1))
     for t in range(at.shape[0]):
         voxel = first + np.int64(at[t])
         at[t] = (voxel % phases) * size + voxel // phases
@@ -134,7 +136,7 @@ def push_planes(first, last, grey, shape, smooth, slope, window, vote, vote_z, v
     by_row = stretches(reach_y, pairs_y, pitch)
     half = window_x.shape[0] // 2
     mean_x = weights(window_x, pairs_of(half))
-    by_window_voxel = _stretches_of_phases(0, half, pairs_of(half), phases, part)
+    by_window_voxel = _stretches_of_phases(I(0), half, pairs_of(half), phases, part)
     half = length // 2
     mean_y = weights(window_y, pairs_of(half))
     by_window_row = stretches(half, pairs_of(half), pitch)
@@ -240,7 +242,7 @@ def pull_planes(
     half = window_z.shape[0] // 2
     apart = slot_size(size)
     mean_z = weights(window_z, pairs_of(half))
-    window_planes = stretches(half, pairs_of(half), 1)
+    window_planes = stretches(half, pairs_of(half), I(1))
     by_slot = np.empty(window_planes.shape[0], np.uint64)
     noisy = False
     for channel in range(6):
