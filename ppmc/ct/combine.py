@@ -13,11 +13,11 @@ from __future__ import annotations
 import numpy as np
 
 from ppmc.compile_cache import njit
-from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, R9, R10, R11, WORK, kernel, smallest, solve
+from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, R9, R10, R11, WORK, kernel, solve
 from ppmc.ct.sides import blend_sides, load, press_flat
 from ppmc.ct.steer import interpolate
 
-I, U = np.int64, np.uint64  # a literal number would have a kernel compiled for itself
+N, U = np.int64, np.uint64  # a literal number would have a kernel compiled for itself
 ZERO, ONE, TINY = np.float32(0.0), np.float32(1.0), np.float32(1e-30)
 ROUNDING = np.float32(1e-4)
 """Share of the largest eigenvalue below which differences of eigenvalues mean nothing in float32."""
@@ -26,8 +26,6 @@ FLATNESS = np.float32(10.0)
 two platelets mix (at 10 the mean tensors of the phantom err by less than half of what they do without)."""
 BUFFERS = (6, 6, 9, 9, WORK // CHUNK, 12, 3, 1, 1, 1, 1, 1, 1)
 """Rows of the arrays that :func:`orient_planes` works on."""
-ROWS = 16
-"""Rows that are done plane after plane."""
 DEGREES, RIGHT_ANGLE = np.float32(180.0 / np.pi), np.float32(90.0)
 PARALLEL = np.float32(0.05)
 """Sine below which a normal is too close to p to be made orthogonal to it; the small window's normal serves then."""
@@ -130,13 +128,19 @@ def _store_vectors(frame, row, out, first, n):
 
 
 @kernel()
-def _store_certainty(frame, least_energy, least_confidence, confidence, planarity, predicted, valid, first, n):
-    """Store what is certain; clear ``valid`` where there is too little texture or p is too uncertain."""
+def _store_certainty(frame, confidence, planarity, predicted, first, n):
     o = U(first)
     for i in range(U(n)):
         confidence[o + i] = frame[R9 + i]
         planarity[o + i] = frame[R10 + i]
         predicted[o + i] = frame[R11 + i]
+
+
+@kernel()
+def _judge(frame, least_energy, least_confidence, valid, first, n):
+    """Clear ``valid`` where there is too little texture or p is too uncertain; zeros on entry stay."""
+    o = U(first)
+    for i in range(U(n)):
         energy = frame[R6 + i] + frame[R7 + i] + frame[R8 + i]
         good = (energy > least_energy) & (frame[R9 + i] >= least_confidence)
         valid[o + i] = valid[o + i] if good else np.uint8(0)
@@ -188,51 +192,48 @@ def orient_planes(
     cz, cy, cx = coarse_shape
     two_scales = coarse.shape[0] > 0
     best, blended, small, large, work, frame, aim, one, other, floor, better, total, press = buffers
-    # a few rows of a chunk through all planes: what displaced windows have in common stays in a near cache
-    for rows in range(0, oy, ROWS):
-        for i in range(0, ox, CHUNK):
-            n = min(CHUNK, ox - i)
-            x = corner[0] + i * step
-            for k in range(oz):
-                z = corner[2] + k * step
-                for j in range(rows, min(rows + ROWS, oy)):
-                    y = corner[1] + j * step
-                    load(tensors, (z * channels * ny + y) * pitch + x, ny * pitch, step, n, best)
-                    if two_scales:
-                        k0, j0 = lower[0][k], lower[1][j]
-                        k1, j1 = min(k0 + 1, cz - 1), min(j0 + 1, cy - 1)
-                        plane, plane1, apart = k0 * cy, k1 * cy, 6 * cx
-                        interpolate(
-                            coarse, (plane + j0) * apart + i, (plane + j1) * apart + i, (plane1 + j0) * apart + i,
-                            (plane1 + j1) * apart + i, cx, share[1][j], share[0][k], n, blended,
-                        )  # fmt: skip
-                        solve(blended, work, large)
-                    elif side_steps > 0:
-                        solve(best, work, large)
-                    if side_steps > 0:
-                        blend_sides(
-                            tensors, scores, large, inverse_h, side_steps, x, step, n, y, z, ny, pitch, channels,
-                            aim, one, other, floor, better, total, best,
-                        )  # fmt: skip
-                    if two_scales:
-                        smallest(best, press)
-                        for m in range(CHUNK):
-                            press[m] = FLATNESS * max(press[m], ZERO)
-                        press_flat(best, press, large)
+    for k in range(oz):
+        z = corner[2] + k * step
+        for j in range(oy):
+            y = corner[1] + j * step
+            for i in range(0, ox, CHUNK):
+                n = min(CHUNK, ox - i)
+                x = corner[0] + i * step
+                load(tensors, (z * channels * ny + y) * pitch + x, ny * pitch, step, n, best)
+                if two_scales:
+                    k0, j0 = lower[0][k], lower[1][j]
+                    k1, j1 = min(k0 + 1, cz - 1), min(j0 + 1, cy - 1)
+                    plane, plane1, apart = k0 * cy, k1 * cy, 6 * cx
+                    interpolate(
+                        coarse, (plane + j0) * apart + i, (plane + j1) * apart + i, (plane1 + j0) * apart + i,
+                        (plane1 + j1) * apart + i, cx, share[1][j], share[0][k], n, blended,
+                    )  # fmt: skip
+                    solve(blended, work, large)
+                elif side_steps > 0:
+                    solve(best, work, large)
+                if side_steps > 0:
+                    blend_sides(
+                        tensors, scores, large, inverse_h, side_steps, x, step, n, y, z, ny, pitch, channels,
+                        aim, one, other, floor, better, total, best,
+                    )  # fmt: skip
+                if two_scales:
                     solve(best, work, small)
-                    if two_scales:
-                        _release(small, press, large)
-                    if two_scales or side_steps > 0:
-                        _orthogonal(small, large)
-                        judge_by = large
-                    else:
-                        judge_by = small
-                    _axes(small, judge_by, frame)
-                    _certainty(small, judge_by, scale, samples, frame)
-                    o = first + (k * oy + j) * ox + i
-                    _store_vectors(frame, I(0), fibre, o, n)
-                    _store_vectors(frame, I(3), normal, o, n)
-                    _store_vectors(frame, I(6), values, o, n)
-                    _store_certainty(
-                        frame, least_energy, least_confidence, confidence, planarity, predicted, valid, o, n
-                    )
+                    for m in range(CHUNK):
+                        press[m] = FLATNESS * max(small[m], ZERO)
+                    press_flat(best, press, large)
+                solve(best, work, small)
+                if two_scales:
+                    _release(small, press, large)
+                if two_scales or side_steps > 0:
+                    _orthogonal(small, large)
+                    judge_by = large
+                else:
+                    judge_by = small
+                _axes(small, judge_by, frame)
+                _certainty(small, judge_by, scale, samples, frame)
+                o = first + (k * oy + j) * ox + i
+                _store_vectors(frame, N(0), fibre, o, n)
+                _store_vectors(frame, N(3), normal, o, n)
+                _store_vectors(frame, N(6), values, o, n)
+                _store_certainty(frame, confidence, planarity, predicted, o, n)
+                _judge(frame, least_energy, least_confidence, valid, o, n)

@@ -201,16 +201,6 @@ def solve(tensor, work, out):
     _remaining(work, out)
 
 
-@kernel()
-def smallest(tensor, out):
-    """Write the smallest eigenvalues of a chunk of tensors (a third of the work of the whole solve)."""
-    for i in range(CHUNK):
-        mean, scale, _a, _b, _c, _d, _e, _f, h = _deviator(
-            tensor[i], tensor[R1 + i], tensor[R2 + i], tensor[R3 + i], tensor[R4 + i], tensor[R5 + i]
-        )
-        out[i] = fma(-TWO * scale, _third_cosine(-h), mean)
-
-
 @njit(nogil=True)
 def _solve_all(tensors, out):
     work = np.empty(WORK, np.float32)

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmc.ct import sides
 from ppmc.ct.block import EMPTY, Box, Coarse, Floats, Reference, TensorStream
 from ppmc.ct.combine import BUFFERS, orient_planes
 from ppmc.ct.eigen import CHUNK, scratch
@@ -24,7 +25,6 @@ from ppmc.ct.layout import reused
 from ppmc.ct.noise import independent_samples, tilting_part
 from ppmc.ct.normals import Cells
 from ppmc.ct.settings import Settings
-from ppmc.ct.sides import score_planes
 from ppmc.ct.source import Volume
 from ppmc.ct.steered import SteeredStream
 from ppmc.ct.tiles import BATCH, Tiling, side_halo, wide_reach
@@ -165,7 +165,7 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
     slab = reused("slab", most * plane + CHUNK * apart)
     scores = reused("scores", most * size + CHUNK * apart) if halo else EMPTY
     inside, rows, columns = (_within(span, n) for span, n in zip(voxels, job.volume.shape, strict=True))
-    buffers, score_buffers = scratch(*BUFFERS), scratch(6, 1)
+    buffers, score_buffers = scratch(*BUFFERS), scratch(*sides.BUFFERS)
     have = (0, 0)
     for first in range(0, oz, batch):
         last = min(first + batch, oz)
@@ -173,13 +173,17 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
         kept = max(have[1] - want[0], 0)
         if kept:
             slab[: kept * plane] = slab[(have[1] - have[0] - kept) * plane : (have[1] - have[0]) * plane].copy()
-        stream.planes(want[0] + kept, want[1], slab, kept)
         if halo:
             scores[: kept * size] = scores[(have[1] - have[0] - kept) * size : (have[1] - have[0]) * size].copy()
-            score_planes(
-                slab, (inside[0] - want[0], inside[1] - want[0]), kept, want[1] - want[0], stream.channels,
-                (ny, stream.pitch), rows, columns, scores, score_buffers,
-            )  # fmt: skip
+        if isinstance(stream, SteeredStream):
+            stream.planes(want[0] + kept, want[1], slab, kept, scores)
+        else:
+            stream.planes(want[0] + kept, want[1], slab, kept)
+            if halo:
+                sides.score_planes(
+                    slab, (inside[0] - want[0], inside[1] - want[0]), kept, want[1] - want[0], stream.channels,
+                    (ny, stream.pitch), rows, columns, scores, score_buffers,
+                )  # fmt: skip
         have = want
         lower, share, near = EMPTY_AXES, EMPTY_SHARES, EMPTY_COARSE
         if coarse is not None:

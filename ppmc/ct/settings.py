@@ -20,7 +20,7 @@ THIN = 0.9
 """Default sigma, voxels, where platelets may be but a few voxels thick: what the finest Gaussian derivative that knows
 no direction takes in of the next platelet is an error that no window averages away."""
 REACHES, ACROSS, FINE = (4.5, 10.0), 0.9, 0.5
-"""Window for p where the platelets' plane is known, voxels: half axes in that plane, and across it, of the two ellipsoids
+"""Window for p where the platelets' plane is known, voxels: half axes in that plane, and across it, of two ellipsoids
 over which is averaged in turn, and standard deviation of the round window before them, which joins their lattices."""
 ROUND = 2.0
 """Standard deviation of the window for p where the plane of the platelets is not known, voxels."""

@@ -15,16 +15,16 @@ from __future__ import annotations
 import numpy as np
 
 from ppmc.compile_cache import njit
-from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, kernel, smallest
-from ppmc.ct.steer import spread_of
+from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, WORK, kernel, solve
+from ppmc.ct.steer import NOWHERE, spread_of
 
-I, U = np.int64, np.uint64  # a literal number would have a kernel compiled for itself
+N, U = np.int64, np.uint64  # a literal number would have a kernel compiled for itself
 ZERO, ONE = np.float32(0.0), np.float32(1.0)
 FLOOR = np.float32(3e-4)
 """Share of the centred window's trace below which least eigenvalues do not count as different."""
-NOWHERE = np.float32(1e30)
-"""Score where there is no tensor: outside the volume or the mask."""
 TINY = np.float32(1e-30)
+BUFFERS = (6, WORK // CHUNK, 9)
+"""Rows of the arrays that :func:`score_planes` works on."""
 
 
 @kernel()
@@ -61,11 +61,11 @@ def score_planes(tensors, planes, first, last, channels, shape, rows, voxels, sc
     scores : (planes * ny * pitch,) float32
         Filled.
     buffers : tuple of arrays
-        :func:`~ppmc.ct.eigen.scratch` of 6 and 1 rows.
+        :func:`~ppmc.ct.eigen.scratch` of ``BUFFERS`` rows.
     """
     ny, pitch = shape
     size = ny * pitch
-    chunk, score = buffers
+    chunk, work, solved = buffers
     for plane in range(first, last):
         base = plane * size
         for i in range(U(size)):
@@ -75,12 +75,12 @@ def score_planes(tensors, planes, first, last, channels, shape, rows, voxels, sc
         for row in range(rows[0], rows[1]):
             for at in range(voxels[0], voxels[1], CHUNK):
                 n = min(CHUNK, voxels[1] - at)
-                load(tensors, plane * channels * size + row * pitch + at, size, I(1), n, chunk)
-                smallest(chunk, score)
+                load(tensors, plane * channels * size + row * pitch + at, size, N(1), n, chunk)
+                solve(chunk, work, solved)
                 o = U(base + row * pitch + at)
                 for i in range(U(n)):
                     there = chunk[i] + chunk[R1 + i] + chunk[R2 + i] > ZERO
-                    scores[o + i] = max(score[i], ZERO) if there else NOWHERE
+                    scores[o + i] = max(solved[i], ZERO) if there else NOWHERE
 
 
 @kernel()
@@ -153,7 +153,7 @@ def blend_sides(
     _prepare(normal, inverse_h, scores, U(z * size + inside), U(step), best, aim, floor, better, total)
     reach = side_steps + 1
     inverse_reach = ONE / np.float32(reach)
-    ax, ay, az, spread = spread_of(aim, I(1), n)
+    ax, ay, az, spread = spread_of(aim, N(1), n)
     for dz in range(reach + 1):
         for dy in range(-reach if dz > 0 else 0, reach + 1):
             for dx in range(-reach if dz > 0 or dy > 0 else 1, reach + 1):

@@ -26,12 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.compile_cache import fma, njit
-from ppmc.ct.eigen import CHUNK, R1, R2, R6, WORK, kernel, smallest, solve
+from ppmc.ct.eigen import CHUNK, R1, R2, R6, WORK, kernel, solve
 
-I, U = np.int64, np.uint64  # a literal number would have a kernel compiled for itself
+N, U = np.int64, np.uint64  # a literal number would have a kernel compiled for itself
 ZERO, ONE = np.float32(0.0), np.float32(1.0)
 LEAST_VOTES = np.float32(1e-20)
 """Sum of weights below which nobody voted."""
+NOWHERE = np.float32(1e30)
+"""Least eigenvalue where there is no tensor: outside the volume or the mask."""
 FLOOR = np.float32(3e-3)
 """Least eigenvalue that counts as none, in units of the trace and of what grey values of unit variance give."""
 ROWS = 8
@@ -175,30 +177,30 @@ def _gather(
 
 
 @kernel()
-def _finish(total, score, noise, final):
+def _finish(total, work, solved, noise, final):
     """Turn sums and votes into what is kept of them.
 
     In the end that is the average, less the noise's share, or nothing where nobody voted. Before that it is sums and
-    votes, weighted by how little the direction that they see is disturbed.
+    votes, weighted by how little the direction that they see is disturbed. Least eigenvalues are left in ``solved``.
     """
-    if not final:
-        smallest(total, score)
+    solve(total, work, solved)
     for i in range(CHUNK):
         votes = total[R6 + i]
         one = ONE / votes if votes > LEAST_VOTES else ZERO
         trace = (total[i] + total[R1 + i] + total[R2 + i]) * one
-        w = ONE / (max(score[i] * one, ZERO) + FLOOR * (trace + ONE))
-        score[i] = one if final else w * w
+        solved[i] = max(solved[i] * one, ZERO) if votes > LEAST_VOTES else NOWHERE
+        w = ONE / (solved[i] + FLOOR * (trace + ONE))
+        work[i] = one if final else w * w
     for c in range(7):
         share = noise[c]
         for i in range(CHUNK):
-            total[c * CHUNK + i] = total[c * CHUNK + i] * score[i] - share
+            total[c * CHUNK + i] = total[c * CHUNK + i] * work[i] - share
 
 
 @njit(nogil=True)
 def steer_planes(
     sums, plane_at, shape, steps, form, reach, coarse, coarse_shape, lower, share, planes, rows, voxels, noise, out,
-    channels, out_pitch, first, last, at_plane, chosen, buffers,
+    channels, out_pitch, first, last, at_plane, scores, chosen, buffers,
 ):  # fmt: skip
     """Write the tensors of some planes, averaged in the planes of their platelets.
 
@@ -227,6 +229,8 @@ def steer_planes(
         Filled with planes (channels, ny, out_pitch): six components averaged, or seven sums.
     first, last, at_plane : int
         Planes to do, counted as ``planes`` and ``lower`` are, and the plane of ``out`` at which the first goes.
+    scores : (planes * ny * out_pitch,) float32, or empty
+        Filled with the least eigenvalues of ``out``.
     chosen, buffers : (pairs + 1,) int64, tuple of arrays
         Place for a list of pairs, and :func:`~ppmc.ct.eigen.scratch` of ``BUFFERS`` rows.
     """
@@ -234,11 +238,16 @@ def steer_planes(
     ny = rows.shape[0]
     cz, cy, cx = coarse_shape
     apart, out_apart, far = U(shape[0] * pitch), U(ny * out_pitch), 6 * cx
+    scored = scores.shape[0] > 0
     blended, work, large, normals, weight, total = buffers
     for plane in range(first, last):
         target = (at_plane + plane - first) * channels * ny * out_pitch
         for m in range(channels * ny * out_pitch):
             out[target + m] = ZERO
+        if scored:
+            target = (at_plane + plane - first) * ny * out_pitch
+            for m in range(ny * out_pitch):
+                scores[target + m] = NOWHERE
     # a few rows of a chunk through all planes: what their windows have in common stays in a near cache
     for i in range(voxels[0], voxels[1], CHUNK):
         n = min(CHUNK, voxels[1] - i)
@@ -260,7 +269,7 @@ def steer_planes(
                         many += 1
                 if many == 0:
                     continue
-                x, y, z, spread = spread_of(normals, I(many), n)
+                x, y, z, spread = spread_of(normals, N(many), n)
                 count = _within(form, x, y, z, spread, chosen)
                 many = 0
                 for row in range(j, min(j + ROWS, ny)):
@@ -270,9 +279,13 @@ def steer_planes(
                             sums, middle, plane_at, plane - first + reach[2], pitch, apart, U(7), steps, form, chosen,
                             count, normals, U(many * 3 * CHUNK), weight, total,
                         )  # fmt: skip
-                        _finish(total, weight, noise, channels == 6)
+                        _finish(total, work, large, noise, channels == 6)
                         o = U(((at_plane + plane - first) * channels * ny + row) * out_pitch + i)
                         for c in range(U(channels)):
                             for m in range(U(n)):
                                 out[o + c * out_apart + m] = total[c * U(CHUNK) + m]
+                        if scored:
+                            o = U(((at_plane + plane - first) * ny + row) * out_pitch + i)
+                            for m in range(U(n)):
+                                scores[o + m] = large[m]
                         many += 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmc.ct.block import Box, Coarse, Floats, Reference, TensorStream
+from ppmc.ct.block import EMPTY, Box, Coarse, Floats, Reference, TensorStream
 from ppmc.ct.eigen import CHUNK, scratch
 from ppmc.ct.layout import reused, row_pitch
 from ppmc.ct.settings import Settings
@@ -96,10 +96,11 @@ class SteeredStream:
         """Floats of a plane: channels, rows, voxels of a row."""
         return self.counts[1] * self.channels * self.pitch
 
-    def planes(self, first: int, last: int, out: Floats, at: int = 0) -> None:
+    def planes(self, first: int, last: int, out: Floats, at: int = 0, scores: Floats = EMPTY) -> None:
         """Write planes first .. last - 1 into ``out`` (planes, channels, rows, pitch), from its plane ``at`` on.
 
-        ``first`` must not be before the ``last`` of the call before.
+        ``first`` must not be before the ``last`` of the call before. Least eigenvalues go to ``scores`` (planes, rows,
+        pitch), unless that is empty.
         """
         z = self._box[0][0]
         lower, share, near = self._coarse.at(((z + first, z + last), self._box[1], self._box[2]), 1)
@@ -113,7 +114,7 @@ class SteeredStream:
                 self._ring, where, (self._stream.counts[1], self._stream.pitch), self._steps, self._form,
                 self._reach, near.reshape(-1), (near.shape[0], near.shape[1], near.shape[3]), lower, share,
                 self._planes[first:last], self._rows, self._voxels, self._noise, out, self.channels,
-                self.pitch, begin - first, end - first, at + begin - first, self._chosen, self._buffers,
+                self.pitch, begin - first, end - first, at + begin - first, scores, self._chosen, self._buffers,
             )  # fmt: skip
 
     def _fill(self, first: int, last: int) -> None:

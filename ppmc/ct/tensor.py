@@ -23,7 +23,7 @@ import numpy as np
 from ppmc.compile_cache import njit
 from ppmc.ct.passes import U, both, even, kernel, odd, pairs_of, scale, stretches, weights
 
-I = np.int64
+N = np.int64
 """A literal number would have a kernel compiled for itself."""
 ZERO = np.float32(0.0)
 LEAST_WEIGHT = np.float32(1e-6)
@@ -40,7 +40,7 @@ STRETCH = 512
 @kernel()
 def _stretches_of_phases(first, radius, pairs, phases, size):
     """Return :func:`stretches` of voxels first, first + 1, ... of rows stored in phases of ``size`` floats."""
-    at = stretches(radius, pairs, I(1))
+    at = stretches(radius, pairs, N(1))
     for t in range(at.shape[0]):
         voxel = first + np.int64(at[t])
         at[t] = (voxel % phases) * size + voxel // phases
@@ -67,10 +67,12 @@ def _products(band, gx, gy, gz, vote, first, c, n, out, apart):
         band[xz + i] = va * d
 
 
-@kernel()
-def _band_rows(phases, pitch):
+def band_rows(phases, pitch):
     """Return the number of rows of a band."""
     return max(1, BAND // (phases * pitch))
+
+
+_band_rows = kernel()(band_rows)
 
 
 @njit(nogil=True)
@@ -79,14 +81,13 @@ def slot_size(size):
     return size + (LINE * 17 - size) % (LINE * 64)
 
 
-@njit(nogil=True)
 def work_sizes(shape, window_x):
     """Return the sizes of ``work`` and ``band`` of :func:`push_planes` for a window.
 
     Behind a band there are floats that the window along x may read; what it makes of them is never used.
     """
     ny, pitch, _, channels, phases, _ = shape
-    band = phases * _band_rows(phases, pitch) * pitch
+    band = phases * band_rows(phases, pitch) * pitch
     return (2 * phases + channels) * ny * pitch, (6 + channels) * band + window_x.shape[0]
 
 
@@ -136,7 +137,7 @@ def push_planes(first, last, grey, shape, smooth, slope, window, vote, vote_z, v
     by_row = stretches(reach_y, pairs_y, pitch)
     half = window_x.shape[0] // 2
     mean_x = weights(window_x, pairs_of(half))
-    by_window_voxel = _stretches_of_phases(I(0), half, pairs_of(half), phases, part)
+    by_window_voxel = _stretches_of_phases(N(0), half, pairs_of(half), phases, part)
     half = length // 2
     mean_y = weights(window_y, pairs_of(half))
     by_window_row = stretches(half, pairs_of(half), pitch)
@@ -242,7 +243,7 @@ def pull_planes(
     half = window_z.shape[0] // 2
     apart = slot_size(size)
     mean_z = weights(window_z, pairs_of(half))
-    window_planes = stretches(half, pairs_of(half), I(1))
+    window_planes = stretches(half, pairs_of(half), N(1))
     by_slot = np.empty(window_planes.shape[0], np.uint64)
     noisy = False
     for channel in range(6):
