@@ -34,8 +34,8 @@ LEAST_VOTES = np.float32(1e-20)
 """Sum of weights below which nobody voted."""
 NOWHERE = np.float32(1e30)
 """Least eigenvalue where there is no tensor: outside the volume or the mask."""
-FLOOR = np.float32(3e-3)
-"""Least eigenvalue that counts as none, in units of the trace and of what grey values of unit variance give."""
+FLOOR = np.float32(1e-3)
+"""Least eigenvalue that counts as none, in units of the trace and of one unit of grey values per voxel."""
 ROWS = 8
 """Rows that share a list of pairs."""
 BUFFERS = (6, WORK // CHUNK, 9, 3 * ROWS, 2, 7)
@@ -177,7 +177,7 @@ def _gather(
 
 
 @kernel()
-def _finish(total, work, solved, noise, final):
+def _finish(total, work, solved, noise, unit, final):
     """Turn sums and votes into what is kept of them.
 
     In the end that is the average, less the noise's share, or nothing where nobody voted. Before that it is sums and
@@ -189,7 +189,7 @@ def _finish(total, work, solved, noise, final):
         one = ONE / votes if votes > LEAST_VOTES else ZERO
         trace = (total[i] + total[R1 + i] + total[R2 + i]) * one
         solved[i] = max(solved[i] * one, ZERO) if votes > LEAST_VOTES else NOWHERE
-        w = ONE / (solved[i] + FLOOR * (trace + ONE))
+        w = unit / (solved[i] + FLOOR * (trace + unit))
         work[i] = one if final else w * w
     for c in range(7):
         share = noise[c]
@@ -199,7 +199,7 @@ def _finish(total, work, solved, noise, final):
 
 @njit(nogil=True)
 def steer_planes(
-    sums, plane_at, shape, steps, form, reach, coarse, coarse_shape, lower, share, planes, rows, voxels, noise, out,
+    sums, plane_at, shape, steps, form, reach, coarse, coarse_shape, lower, share, planes, rows, voxels, noise, unit, out,
     channels, out_pitch, first, last, at_plane, scores, chosen, buffers,
 ):  # fmt: skip
     """Write the tensors of some planes, averaged in the planes of their platelets.
@@ -225,6 +225,8 @@ def steer_planes(
         First voxel of a row that is within the volume, and the end.
     noise : (7,) float32
         What to subtract.
+    unit : float32
+        Mean squared gradient of one unit of grey values per voxel.
     out, channels, out_pitch : (planes * channels * ny * out_pitch,) float32, int, int
         Filled with planes (channels, ny, out_pitch): six components averaged, or seven sums.
     first, last, at_plane : int
@@ -279,7 +281,7 @@ def steer_planes(
                             sums, middle, plane_at, plane - first + reach[2], pitch, apart, U(7), steps, form, chosen,
                             count, normals, U(many * 3 * CHUNK), weight, total,
                         )  # fmt: skip
-                        _finish(total, work, large, noise, channels == 6)
+                        _finish(total, work, large, noise, unit, channels == 6)
                         o = U(((at_plane + plane - first) * channels * ny + row) * out_pitch + i)
                         for c in range(U(channels)):
                             for m in range(U(n)):

@@ -89,6 +89,7 @@ class SteeredStream:
         self._ring = reused("wide sums" if final else "sums", self._slots * self._stream.size + 2 * CHUNK + 2 * x)
         self._chosen = np.empty(len(self._steps) + 1, np.int64)
         self._buffers = scratch(*BUFFERS)
+        self._unit = np.float32(1.0 / min(spacing) ** 2)
         self._pushed = 0
 
     @property
@@ -113,7 +114,7 @@ class SteeredStream:
             steer_planes(
                 self._ring, where, (self._stream.counts[1], self._stream.pitch), self._steps, self._form,
                 self._reach, near.reshape(-1), (near.shape[0], near.shape[1], near.shape[3]), lower, share,
-                self._planes[first:last], self._rows, self._voxels, self._noise, out, self.channels,
+                self._planes[first:last], self._rows, self._voxels, self._noise, self._unit, out, self.channels,
                 self.pitch, begin - first, end - first, at + begin - first, scores, self._chosen, self._buffers,
             )  # fmt: skip
 

@@ -98,17 +98,19 @@ class CtSection(Section):
     """Thickness of a platelet, mm; taken from the phantom section unless given. Sets the windows."""
 
     sigma: PositiveLength | None = None
-    """Standard deviation of the Gaussian that differentiates, mm; one voxel unless given."""
+    """Standard deviation of the Gaussian that differentiates, mm; one voxel unless given, 0.9 voxels where the platelet
+    thickness is known."""
 
     fibre_window: NonNegativeLength | LengthVector | None = None
-    """Standard deviation of the window for p, mm, one for all axes or one for each (x, y, z)."""
+    """Standard deviation of the window for p, mm, one for all axes or one for each (x, y, z). Unless given it is two
+    voxels, or, where the platelet thickness is known, thin and wide in the local plane of the platelets."""
 
     normal_window: PositiveLength | None = None
     """Standard deviation of the larger window for r, mm."""
 
     side_steps: int | None = Field(default=None, ge=0, le=4)
-    """Windows displaced by up to this many voxels along r compete with the centred one, so that a voxel next to an
-    interface takes the direction of its own side; 0 switches this off."""
+    """Windows displaced by up to this many voxels along r stand in for the centred one where they see a purer
+    direction, so that a voxel next to an interface takes that of one side; 0 switches this off."""
 
     stride: int = Field(default=1, ge=1, le=64)
     """Orientations at every so many voxels along each axis."""

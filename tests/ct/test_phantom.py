@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from scipy.ndimage import distance_transform_edt
 
 from ppmc.ct.phantom import Phantom
+from ppmc.orientation import angle_between_axes
 from ppmc.scene.phantom import PhantomSection
 
 SMALL = {"cavity": (8, 6, 3.0), "voxel_size": 0.1, "platelet": {"length": 4, "width": 2, "thickness": 0.6}}
@@ -138,3 +140,38 @@ def test_default_windows_recover_the_tensors(solve, seed, section):
         want = fields[name][inner][true].astype(float)
         difference = got.T @ got / len(got) - want.T @ want / len(want)
         assert np.max(np.abs(difference)) < 0.03, (name, difference.round(3))
+
+
+def ply_errors(solve, seed, thickness, tilt, wavelength, noise):
+    """Return the errors of p well inside plies and within two voxels of a face, and of r, degrees."""
+    _, fields = made(
+        seed, cavity=(60, 60, 60), voxel_size=1.0, layup="plies", angles=[0, 45, 90, -45, 30, -60, 15, 75], tilt=tilt,
+        platelet={"length": 4 * thickness, "width": 2 * thickness, "thickness": thickness}, void_fraction=0.0,
+        platelet_contrast=0.0, streak_wavelength=wavelength, streak_flatness=2.0, resin_thickness=1.0, blur=0.3,
+        noise=noise, grey_type="float32",
+    )  # fmt: skip
+    result = solve(fields["grey"], thickness=float(thickness))
+    inner = np.s_[12:-12, 12:-12, 12:-12]
+    ids = fields["platelet_id"]
+    away = np.zeros(ids.shape)
+    for ply in np.unique(ids):
+        away = np.maximum(away, distance_transform_edt(ids == ply) - 0.5)
+    away = away[inner]
+    p, r = (
+        angle_between_axes(result[name][inner], fields[name][inner]) for name in ("fibre_direction", "platelet_normal")
+    )
+    well_inside = {16: 4.0, 8: 2.5, 6: 1.5, 5: 1.5}[thickness]
+    return p[away > well_inside], p[away <= 2.0], r
+
+
+@pytest.mark.parametrize(
+    ("seed", "thickness", "tilt", "wavelength"),
+    [(11, 5, (16, 16), 7.0), (12, 5, (25, -8), 8.0), (13, 6, (-10, 20), 6.5), (14, 8, (25, 25), 7.0),
+     (15, 16, (9, 30), 9.0)],
+)  # fmt: skip
+@pytest.mark.parametrize(("noise", "bar"), [(0.0, 0.1), (0.3, 0.7)])
+def test_plies_of_a_few_voxels_at_any_tilt(solve, seed, thickness, tilt, wavelength, noise, bar):
+    inside, near, r = ply_errors(solve, seed, thickness, tilt, wavelength, noise)
+    assert np.median(inside) < bar
+    assert np.median(near) < 1.0
+    assert np.median(r) < 3.5
