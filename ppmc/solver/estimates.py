@@ -139,7 +139,9 @@ def make_plan(settings: Any, material: Any, tools: ToolSet, charge: Charge, clos
 
     `closest` is the narrowest place between tools that move against each other, at the end.
     """
-    speed, thickness = closing_motion(tools, charge.corners, charge.spacing, settings.end_time)
+    speed, direction = closing_motion(tools, settings.end_time)
+    step = float(np.linalg.norm(charge.spacing * direction))
+    thickness = charge.sheet[0] if charge.sheet else float(np.ptp(charge.corners @ direction)) + step
     rate = settings.strain_rate or (speed / thickness if speed > 0.0 else 1.0)
     squeeze_viscosity = (material.ratio + 2.0) * material.shear
     bulk = settings.bulk_modulus or settings.bulk_ratio * squeeze_viscosity * rate
@@ -147,20 +149,9 @@ def make_plan(settings: Any, material: Any, tools: ToolSet, charge: Charge, clos
     if settings.density is None and settings.reynolds_number > 0.0:
         density = settings.reynolds_number * squeeze_viscosity / (max(speed, rate * thickness) * thickness)
     final_rate = rate if closest is None else max(rate, speed / closest.width)
-    step = float(np.linalg.norm(charge.spacing * _direction(tools, settings.end_time)))
     squeezed, layers = charge.sheet or (thickness, round(thickness / step))
     compression = 1.0 if closest is None else max(1.0, squeezed / closest.width)
     return Plan(speed, thickness, layers, compression, rate, final_rate, bulk, density)
-
-
-def _direction(tools: ToolSet, end: float) -> Array:
-    """Return the direction in which a tool goes farthest, or is pushed; x3 if none moves."""
-    for forced in tools.motions.forced:
-        return forced.direction
-    moved = tools.offsets(end)
-    farthest = moved[int(np.argmax(np.linalg.norm(moved, axis=1)))]
-    length = float(np.linalg.norm(farthest))
-    return farthest / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
 
 
 def explicit_steps(material: Any, control: Any, plan: Plan, spacing: float) -> tuple[float, float, float]:

@@ -54,7 +54,8 @@ def packing(
     out = np.empty(len(positions))
     _packing(
         pairs.start, pairs.count, pairs.index, positions, volumes, inverse_shape,
-        GAUSS * spacing[:, None, None] * root_shape(shape), GAUSS * spacing, smoothing_length, wall_distance, wall_normal, out,
+        GAUSS * spacing[:, None, None] * root_shape(shape), GAUSS * spacing, smoothing_length, wall_distance,
+        wall_normal, out,
     )  # fmt: skip
     return out / np.interp(smoothing_length / spacing, *_lattice_packings(float(np.median(smoothing_length / spacing))))
 

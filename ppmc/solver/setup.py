@@ -6,6 +6,7 @@ import numpy as np
 
 from ppmc.errors import SceneError
 from ppmc.files import ParticleFile
+from ppmc.geometry.tool_checks import check_tools_apart
 from ppmc.geometry.toolset import ToolSet, compile_tools
 from ppmc.scene import Scene
 from ppmc.solver.implicit import Model
@@ -13,6 +14,7 @@ from ppmc.solver.kernel_shape import lattice_of
 from ppmc.solver.state import ParticleState
 from ppmc.solver.tools import Walls
 
+COLUMN = 2.0  # width of the columns in which the charge's height is taken, in spacings
 INSIDE_LIMIT = 0.25  # of a spacing: how deep a particle may start inside a tool before the scene is taken for wrong
 
 
@@ -41,7 +43,12 @@ def prepare(scene: Scene, charge: ParticleFile) -> tuple[Model, ParticleState]:
         charge.fields["in_plane_direction"], walls.starting_half_widths(charge.positions), charge.fields["platelet_id"],
         lattice_of(spacing),
     )  # fmt: skip
-    speed, thickness = closing_motion(tools, charge.positions, spacing, settings.end_time)
+    margin = 0.5 * spacing
+    check_tools_apart(
+        tools, charge.positions.min(axis=0) - margin, charge.positions.max(axis=0) + margin, settings.end_time
+    )
+    speed, direction = closing_motion(tools, settings.end_time)
+    thickness = column_height(charge.positions, direction, spacing)
     rate = settings.strain_rate or (speed / thickness if speed > 0.0 else 1.0)
     squeeze_viscosity = (material.ratio + 2.0) * material.shear
     bulk = settings.bulk_modulus or settings.bulk_ratio * squeeze_viscosity * rate
@@ -52,8 +59,8 @@ def prepare(scene: Scene, charge: ParticleFile) -> tuple[Model, ParticleState]:
     return Model(settings, material, walls, length, bulk, density), state
 
 
-def closing_motion(tools: ToolSet, positions: np.ndarray, spacing: np.ndarray, end: float) -> tuple[float, float]:
-    """Largest speed of a tool, mm/s, and the extent of the charge along it, mm."""
+def closing_motion(tools: ToolSet, end: float) -> tuple[float, np.ndarray]:
+    """Largest speed of a tool, mm/s, and its direction, shape (3,)."""
     speed, direction, time = 0.0, np.array([0.0, 0.0, 1.0]), 0.0
     while time < end:
         for velocity in tools.velocities(time):
@@ -64,8 +71,23 @@ def closing_motion(tools: ToolSet, positions: np.ndarray, spacing: np.ndarray, e
     for forced in tools.motions.forced:
         if forced.max_speed > speed:
             speed, direction = forced.max_speed, forced.direction
+    return speed, direction
+
+
+def column_height(positions: np.ndarray, direction: np.ndarray, spacing: np.ndarray) -> float:
+    """Typical height of the charge, mm: the median over columns along `direction` (3,), two spacings wide.
+
+    The extent of a sheet draped over a tool is that of the tool; its columns are as high as the sheet is thick.
+    """
+    step = float(np.linalg.norm(direction * spacing))
     along = positions @ direction
-    return speed, float(np.ptp(along) + np.linalg.norm(direction * spacing))
+    across = np.linalg.svd(direction[None])[2][1:]  # two directions normal to it
+    columns = np.floor(positions @ across.T / (COLUMN * float(spacing.max())) + 0.25).astype(np.int64)
+    _, column = np.unique(columns, axis=0, return_inverse=True)
+    top, bottom = np.full(column.max() + 1, -np.inf), np.full(column.max() + 1, np.inf)
+    np.maximum.at(top, column.ravel(), along)
+    np.minimum.at(bottom, column.ravel(), along)
+    return float(np.median(top - bottom) + step)
 
 
 def _spacing(charge: ParticleFile) -> np.ndarray:
