@@ -199,8 +199,8 @@ def _finish(total, work, solved, noise, unit, final):
 
 @njit(nogil=True)
 def steer_planes(
-    sums, plane_at, shape, steps, form, reach, coarse, coarse_shape, lower, share, planes, rows, voxels, noise, unit, out,
-    channels, out_pitch, first, last, at_plane, scores, chosen, buffers,
+    sums, plane_at, shape, steps, form, reach, coarse, coarse_shape, lower, share, planes, rows, voxels, noise, unit,
+    out, channels, out_pitch, first, last, at_plane, scores, chosen, buffers,
 ):  # fmt: skip
     """Write the tensors of some planes, averaged in the planes of their platelets.
 

@@ -75,10 +75,12 @@ def band_rows(phases, pitch):
 _band_rows = kernel()(band_rows)
 
 
-@njit(nogil=True)
 def slot_size(size):
     """Return the floats from slot to slot of the ring: some more than a plane, lest slots contend for cache lines."""
     return size + (LINE * 17 - size) % (LINE * 64)
+
+
+_slot_size = kernel()(slot_size)
 
 
 def work_sizes(shape, window_x):
@@ -146,7 +148,7 @@ def push_planes(first, last, grey, shape, smooth, slope, window, vote, vote_z, v
     gx, gy, gz, products = U(3 * whole), U(4 * whole), U(5 * whole), U(6 * whole)
     for plane in range(first, last):
         start = plane * phases * size
-        slot = (plane % slots) * slot_size(oy * channels * pitch)
+        slot = (plane % slots) * _slot_size(oy * channels * pitch)
         for at in range(0, phases * size, BAND):
             n = U(min(BAND, phases * size - at))
             both(grey, U(start + at), by_plane, even_z, odd_z, work, U(at), work, U(slant + at), n)
@@ -241,7 +243,7 @@ def pull_planes(
     rows, channels, pitch = shape
     size = rows * channels * pitch
     half = window_z.shape[0] // 2
-    apart = slot_size(size)
+    apart = _slot_size(size)
     mean_z = weights(window_z, pairs_of(half))
     window_planes = stretches(half, pairs_of(half), N(1))
     by_slot = np.empty(window_planes.shape[0], np.uint64)
