@@ -228,11 +228,11 @@ def steer_planes(
     unit : float32
         Mean squared gradient of one unit of grey values per voxel.
     out, channels, out_pitch : (planes * channels * ny * out_pitch,) float32, int, int
-        Filled with planes (channels, ny, out_pitch): six components averaged, or seven sums.
+        Planes (channels, ny, out_pitch), filled where there are tensors: six components averaged, or seven sums.
     first, last, at_plane : int
         Planes to do, counted as ``planes`` and ``lower`` are, and the plane of ``out`` at which the first goes.
     scores : (planes * ny * out_pitch,) float32, or empty
-        Filled with the least eigenvalues of ``out``.
+        Filled there with the least eigenvalues of ``out``.
     chosen, buffers : (pairs + 1,) int64, tuple of arrays
         Place for a list of pairs, and :func:`~ppmc.ct.eigen.scratch` of ``BUFFERS`` rows.
     """
@@ -242,14 +242,6 @@ def steer_planes(
     apart, out_apart, far = U(shape[0] * pitch), U(ny * out_pitch), 6 * cx
     scored = scores.shape[0] > 0
     blended, work, large, normals, weight, total = buffers
-    for plane in range(first, last):
-        target = (at_plane + plane - first) * channels * ny * out_pitch
-        for m in range(channels * ny * out_pitch):
-            out[target + m] = ZERO
-        if scored:
-            target = (at_plane + plane - first) * ny * out_pitch
-            for m in range(ny * out_pitch):
-                scores[target + m] = NOWHERE
     # a few rows of a chunk through all planes: what their windows have in common stays in a near cache
     for i in range(voxels[0], voxels[1], CHUNK):
         n = min(CHUNK, voxels[1] - i)

@@ -10,7 +10,7 @@ from ppmc.ct.eigen import CHUNK, scratch
 from ppmc.ct.layout import reused, row_pitch
 from ppmc.ct.settings import Settings
 from ppmc.ct.source import Volume
-from ppmc.ct.steer import BUFFERS, offset_pairs, steer_planes
+from ppmc.ct.steer import BUFFERS, NOWHERE, offset_pairs, steer_planes
 
 TURN = 8
 """Planes at a time: fewer keep less in memory, more share what their small windows have in common."""
@@ -105,6 +105,10 @@ class SteeredStream:
         """
         z = self._box[0][0]
         lower, share, near = self._coarse.at(((z + first, z + last), self._box[1], self._box[2]), 1)
+        out[at * self.size : (at + last - first) * self.size] = 0.0
+        if scores.size:
+            rows = self.counts[1] * self.pitch
+            scores[at * rows : (at + last - first) * rows] = NOWHERE
         reach = self._reach[2]
         size = self._stream.size
         for begin in range(first, last, TURN):
