@@ -52,7 +52,7 @@ class SolverSection(Section):
     """Control of particle-to-particle modes."""
 
     volume_correction: float = Field(default=40.0, ge=0)
-    """Rate, for a unit of strain, at which the pressure's volume ratio follows the packing; 0 turns it off."""
+    """Rate, for a unit of strain, at which J follows the packing; 0 turns it off."""
 
     bulk_modulus: PositivePressure | None = Field(default=None, examples=["1.31 GPa"])
     """K that keeps the volume, Pa; `bulk_ratio` decides if left out."""

@@ -19,7 +19,7 @@ from ppmc.solver.block_jacobi import restricted_inverse
 from ppmc.solver.coarse_grid import CELL, CoarseGrid, make_grid
 from ppmc.solver.conjugate_gradient import Solution, conjugate_gradient
 from ppmc.solver.contact import FACES, Contacts, between_wall_layers
-from ppmc.solver.gradient import mean_around, moment_inverses, velocity_gradient
+from ppmc.solver.gradient import mean_around, moments_and_gradient, velocity_gradient
 from ppmc.solver.kernel_shape import follow_lattice, inverse_shape, limited, rearrangement_rate, smoothness
 from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, cell_order, list_is_stale, weigh_pairs
 from ppmc.solver.operator import Operator, assemble
@@ -33,6 +33,8 @@ from ppmc.solver.volume_balance import correct_volume, measured_packing, referen
 
 SKIN = 0.1  # of the support radius
 RELEASE = 1e-3  # pull, in mean pressing reactions, that releases a contact
+NEGLIGIBLE, DEEPEST = 1e-3, 0.01  # penetration in spacings: not worth a pass; worth one beyond those allowed
+SPARE_PASSES = 2  # of such passes
 ROUGH = 10.0  # factor on tolerances while it is open which faces touch
 ROUGH_WINDOW, WINDOW = 4, 8  # iterations between estimates of the error
 SCALES = (0.5, 2.0)  # bounds of the correction of reactions by their power
@@ -199,14 +201,18 @@ class ImplicitIntegrator:
         self._account(operator, contacts, solution, dt, report)
         self._remember(contacts)
         model.walls.forced.adjust(report.tool_force, started=update)
+        # What the solve held makes room for what the end of the step needs.
+        velocities = solution.velocities
+        self._reuse(operator.pairs)
+        del operator, contacts, solution
         if update:
             model.walls.forced.advance(pushed, dt)
-            self._advance(solution.velocities, dt)
+            self._advance(velocities, dt)
             self.balance_volume(time + dt, dt * strain_rate(state.velocity_gradient))
         else:
-            gradient, around, _ = self._gradient_at_start(solution.velocities)
+            gradient, around, _ = self._gradient_at_start(velocities)
             if model.density == 0.0:
-                state.velocity, state.velocity_gradient = solution.velocities, gradient
+                state.velocity, state.velocity_gradient = velocities, gradient
                 state.smooth_gradient, state.twice_smooth_gradient = around, around.copy()
         return report
 
@@ -245,14 +251,17 @@ class ImplicitIntegrator:
             pressing, _ = contacts.reactions(-solution.residual)
             positive = pressing[pressing > 0.0]
             limit = RELEASE * float(positive.mean()) if len(positive) else 0.0
-            added = contacts.violations(velocities, dt) > 1e-3 * model.spacing
+            depth = contacts.violations(velocities, dt)
+            added = depth > NEGLIGIBLE * model.spacing
             # In the last pass nothing is released: a small pull for one step does less harm than a penetration.
             around = contacts.pressure_around(pressing, operator.pairs, model.smoothing_length)
             released = contacts.active & (around < -limit) if attempt < last else np.zeros_like(added)
             settled = not (added.any() or released.any())
-            if attempt == last or (settled and rough == 1.0):
+            enough = attempt >= last and (attempt >= last + SPARE_PASSES or depth.max() < DEEPEST * model.spacing)
+            if enough or (settled and rough == 1.0):
                 break
             contacts.active = (contacts.active & ~released) | added
+            del system, solution, pressing, around
             # Which faces touch shows long before the velocities are exact: only the last pass need be.
             attempt = attempt if settled else attempt + 1
             rough = ROUGH if not settled and attempt < last else 1.0
@@ -336,12 +345,18 @@ class ImplicitIntegrator:
         """Velocity gradient (n, 3, 3) where the step began, its mean around wall layers, rate of rearrangement (n,)."""
         state = self.state
         pairs = self.weigh(state.position)
-        inverse, _, _ = moment_inverses(pairs, state.position, state.volume)
-        gradient = velocity_gradient(pairs, state.position, state.volume, inverse, velocities)
+        gradient = moments_and_gradient(pairs, state.position, state.volume, velocities)
+        pairs.moments = None
         # Half-widths of a wall layer that differ by the noise of single gradients would carve the charge.
         around = mean_around(pairs, gradient, state.wall_layers > 0, pair_weight(0.0, self.model.smoothing_length))
         loose = rearrangement_rate(pairs, state.position, state.volume, velocities, gradient)
+        self._reuse(pairs)
         return gradient, around, loose
+
+    def _reuse(self, pairs: Pairs) -> None:
+        """Let the next weights take the room of `pairs`, which nothing needs any more."""
+        assert self.neighbours is not None
+        self.neighbours.spare = pairs
 
     def _remember(self, contacts: Contacts) -> None:
         # What touches now touches in the next solve, unless that finds otherwise; a solve that starts from no contact

@@ -5,8 +5,14 @@ round-off of such a motion by the inverse of nothing, until the charge spins. Th
 preconditioner.
 """
 
-import numpy as np
+# mypy: disable-error-code="no-untyped-def"
 
+import numpy as np
+from scipy.linalg import eigh
+
+from ppmc.compile_cache import njit
+
+LEAST = 1e-12  # of all motions' size, added to each
 LOOSE = 1e-9  # of the typical hold: below it, a rigid motion counts as free
 
 
@@ -29,21 +35,42 @@ def free_rigid_modes(positions: np.ndarray, free: np.ndarray, hold: np.ndarray, 
     ndarray, shape (n, 3, k)
         k is 0 to 6; 3 between two slip plates.
     """
-    n = len(positions)
     arm = positions - positions.mean(axis=0)
     arm = arm / max(float(np.sqrt(np.mean(arm * arm))), 1e-300)
-    modes = np.zeros((n, 3, 6))
+    size, power = np.zeros((6, 6)), np.zeros((6, 6))
+    _sum_powers(arm, free, hold, 1.0 / max(float(np.mean(scale)), 1e-300), size, power)
+    # Orthonormal with respect to the motions' own size; rotations about a line of particles have none.
+    values, vectors = eigh(power, size + LEAST * np.trace(size) * np.eye(6))
+    loose = vectors[:, values < LOOSE]
+    modes = np.zeros((len(positions), 3, loose.shape[1]))
     for a in range(3):
         b, c = (a + 1) % 3, (a + 2) % 3
-        modes[:, a, a] = 1.0
-        modes[:, b, 3 + a], modes[:, c, 3 + a] = -arm[:, c], arm[:, b]
-    basis = np.linalg.qr(modes.reshape(-1, 6))[0].reshape(n, 3, 6)
-    held = (np.eye(3) - free) @ basis
-    power = np.einsum("nak,nam->km", held, held)
-    if hold.any():
-        power += np.einsum("nak,nam->km", basis, hold @ basis) / max(float(np.mean(scale)), 1e-300)
-    values, vectors = np.linalg.eigh(power)
-    return np.ascontiguousarray(basis @ vectors[:, values < LOOSE])
+        modes[:, a] += loose[a]
+        modes[:, b] -= arm[:, c, None] * loose[3 + a]
+        modes[:, c] += arm[:, b, None] * loose[3 + a]
+    return modes
+
+
+@njit(cache=True)
+def _sum_powers(arm, free, hold, per_scale, size, power):
+    for i in range(arm.shape[0]):
+        motion, held = np.zeros((3, 6)), np.zeros((3, 6))
+        for a in range(3):
+            b, c = (a + 1) % 3, (a + 2) % 3
+            motion[a, a] = 1.0
+            motion[b, 3 + a], motion[c, 3 + a] = -arm[i, c], arm[i, b]
+        for k in range(6):
+            for a in range(3):
+                held[a, k] = motion[a, k]
+                for b in range(3):
+                    held[a, k] -= free[i, a, b] * motion[b, k]
+        for k in range(6):
+            for m in range(6):
+                for a in range(3):
+                    size[k, m] += motion[a, k] * motion[a, m]
+                    power[k, m] += held[a, k] * held[a, m]
+                    for b in range(3):
+                        power[k, m] += per_scale * motion[a, k] * hold[i, a, b] * motion[b, m]
 
 
 def without(modes: np.ndarray, vectors: np.ndarray) -> np.ndarray:

@@ -2,9 +2,9 @@
 
 J follows from averaged velocity gradients, and these do not see where a particle stands among its neighbours. Under
 large stretch in uneven flow the packing drifts by tenths although every J stays near one: a bracket then keeps a sixth
-too much under its ram. The pressure therefore knows a second factor, which moves with the strain of each step until the
-packing is that of the start again. In a homogeneous flow packing keeps its value and the factor stays at one; where
-nothing flows nothing is changed.
+too much under its ram. J, and with it the volumetric part of F, is therefore drawn towards what the packing shows with
+the strain of each step; the pressure then puts the packing right, and det F keeps meaning volume. In a homogeneous flow
+packing keeps its value and nothing is corrected; where nothing flows nothing is changed.
 """
 
 import numpy as np
@@ -51,7 +51,7 @@ def correct_volume(
     state: ParticleState, pairs: Pairs, found: np.ndarray, strain: np.ndarray, rate: float, smoothing_length: float,
     aspect_limit: float,
 ) -> None:  # fmt: skip
-    """Draw the factor of the pressure's volume ratio towards what the packing shows.
+    """Draw J and the volumetric part of F towards what the packing shows.
 
     Parameters
     ----------

@@ -9,6 +9,7 @@ from ppmc.solver.block_jacobi import multiply_blocks, restricted_inverse
 from ppmc.solver.coarse_grid import CoarseGrid, make_grid
 from ppmc.solver.conjugate_gradient import conjugate_gradient
 from ppmc.solver.operator import Operator
+from ppmc.solver.rigid_modes import free_rigid_modes
 from ppmc.solver.skyline import factorise
 from ppmc.solver.system import VelocitySystem
 
@@ -199,6 +200,25 @@ def test_grid_saves_most_iterations():
     difference -= rigid @ (rigid.T @ difference)
     np.testing.assert_allclose(difference, 0.0, atol=1e-3)
     assert few < 0.35 * many
+
+
+@pytest.mark.parametrize(("held", "count"), [((), 6), ((2,), 3), ((0, 2), 1), ((0, 1, 2), 0)])
+def test_free_rigid_modes_between_slip_plates(held, count):
+    positions = lattice((5, 4, 3), 0.2)
+    n = len(positions)
+    free, hold = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3))
+    for axis in held:
+        at = positions[:, axis]
+        free[(at < 1.0) | (at > at.max() - 1.0), axis, axis] = 0.0
+    modes = free_rigid_modes(positions, free, hold, np.ones(n))
+    flat = modes.reshape(3 * n, count)
+    np.testing.assert_allclose(flat.T @ flat, np.eye(count), atol=1e-9)
+    np.testing.assert_allclose((np.eye(3) - free) @ modes, 0.0, atol=1e-5)
+    operator = make_operator(positions, unit_vectors(n))
+    stiffness = np.abs(operator.diagonal()).max()
+    for k in range(count):
+        assert np.abs(operator.apply(np.ascontiguousarray(modes[..., k]))).max() < 1e-9 * stiffness
+    assert free_rigid_modes(positions, free, hold + np.eye(3), np.ones(n)).shape[2] == 0
 
 
 def test_grid_refuses_lost_particles():
