@@ -52,13 +52,14 @@ def test_correction_brings_p_nearer_where_voxels_are_not_cubes(solve, texture):
     assert error[1] < 0.85 * error[0]
 
 
-@pytest.mark.parametrize("window", [2.0, (3.5, 3.5, 0.7)])
+@pytest.mark.parametrize("window", [2.0, (3.5, 3.5, 0.7), None])
 @pytest.mark.parametrize("noise", [0.2, 0.8])
 def test_predicted_error_is_the_error_made(solve, texture, window, noise):
     direction = np.array([1.0, 0.4, 0.0])
     grey = texture(direction, n=56, waves=40)
     grey = grey / grey.std() + noise * np.random.default_rng(5).standard_normal(grey.shape).astype(np.float32)
-    result = solve(grey, fibre_window=window, normal_window=6.0)
+    # with a platelet thickness and no window the default follows the platelets' plane
+    result = solve(grey, fibre_window=window, normal_window=6.0, thickness=None if window else 8.0)
     inside = np.s_[10:-10, 10:-10, 10:-10]
     made = np.sqrt(np.mean(angle_between_axes(result["fibre_direction"][inside], direction) ** 2))
     foretold = np.sqrt(np.mean(result["predicted_error"][inside].astype(float) ** 2))
