@@ -22,6 +22,7 @@ from ppmc.solver.coarse_grid import CELL, make_grid
 from ppmc.solver.conjugate_gradient import conjugate_gradient
 from ppmc.solver.neighbours import build_list, cell_order, weigh_pairs
 from ppmc.solver.operator import Operator, assemble
+from ppmc.solver.rigid_modes import free_rigid_modes
 from ppmc.solver.system import VelocitySystem
 
 Array = NDArray[np.float64]
@@ -62,6 +63,8 @@ def mixed(shape: tuple[int, int, int], ratio: float, seed: int = 0) -> tuple[Vel
     start[upper, 2] = -1.0
     blocks = operator.diagonal()
     system = VelocitySystem(operator, np.zeros((n, 1)), np.zeros((n, 3, 3)), free, restricted_inverse(blocks, free))
+    stiffness = np.trace(blocks, axis1=1, axis2=2) / 3.0
+    system.rigid = free_rigid_modes(positions, free, np.zeros((n, 3, 3)), stiffness)
     return system, start
 
 

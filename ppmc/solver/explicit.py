@@ -40,6 +40,7 @@ POWER_ITERATIONS = 20
 CONTACT_EVERY = 10  # steps between searches for faces; gaps are advanced linearly in between
 LIMITS_EVERY = 200  # steps between estimates of the stable step
 TOUCHING = 0.01  # gap after one step, in half-widths, up to which it is the flattening of that step
+FOLLOWED = 5e-3  # largest strain of a particle that lattice and volume balance may lag behind
 MOST_STEPS = 200  # explicit steps in one reported step
 
 
@@ -83,6 +84,7 @@ class ExplicitIntegrator(ImplicitIntegrator):
     limits: Limits | None = None
     present: Operator | None = None
     passed: np.ndarray | None = None
+    passed_time: float = 0.0
 
     def initialise(self, time: float, time_step: float) -> StepReport:
         """Start from rest."""
@@ -107,7 +109,7 @@ class ExplicitIntegrator(ImplicitIntegrator):
         forced = self.model.walls.forced
         elapsed, ahead = 0.0, True
         while ahead:
-            self._follow_flow(time + elapsed, self.limits.used if self.limits else 0.0)
+            self._follow_flow(time + elapsed)
             self.refresh_neighbours()
             self._assemble(self.weigh(self.state.position), time + elapsed)
             self.limits = self._estimate_limits()
@@ -127,8 +129,10 @@ class ExplicitIntegrator(ImplicitIntegrator):
                 elapsed += dt
                 self._move(time + elapsed, dt, refresh=done)
             report.iterations += steps
-            self._follow_flow(time + elapsed, dt)
+            assert self.present is not None
+            self._reuse(self.present.pairs)
             self.present = None
+            self._follow_flow(time + elapsed)
         report.time_step = time_step / report.iterations
         report.tool_force /= report.iterations
         report.tool_moment /= report.iterations
@@ -221,11 +225,12 @@ class ExplicitIntegrator(ImplicitIntegrator):
     def _move(self, time: float, dt: float, refresh: bool = False) -> None:
         """Advance everything else with the new velocities, and make the operator at the new positions."""
         state, settings = self.state, self.model.settings
-        assert self.neighbours is not None and self.present is not None
-        self.neighbours.spare, self.present = self.present.pairs, None
+        assert self.present is not None
+        self._reuse(self.present.pairs)
+        self.present = None
         state.position = state.position + dt * state.velocity
         if refresh:
-            self._follow_flow(time, dt)
+            self._follow_flow(time, FOLLOWED)
             self.refresh_neighbours()
         pairs = self.weigh(state.position)
         there = moments_and_gradient(pairs, state.position, state.volume, state.velocity)
@@ -239,20 +244,24 @@ class ExplicitIntegrator(ImplicitIntegrator):
         if settings.transport_normals:
             convect_directions(increment, state.in_plane_direction)
         self.passed = increment if self.passed is None else increment @ self.passed
+        self.passed_time += dt
         self._assemble(pairs, time)
 
-    def _follow_flow(self, time: float, dt: float) -> None:
-        """Carry lattice and volume balance over the steps since the last time; they change slowly."""
+    def _follow_flow(self, time: float, least: float = 0.0) -> None:
+        """Carry lattice and volume balance over the strain since the last time, once it is more than `least`."""
         state = self.state
         if self.passed is None:
             return
         moved = 0.5 * (self.passed + np.swapaxes(self.passed, -1, -2)) - np.eye(3)
         strain = np.sqrt(np.einsum("nij,nij->n", moved, moved))
+        if float(strain.max()) < least:
+            return
         pairs = self.weigh(state.position)
         loose = rearrangement_rate(pairs, state.position, state.volume, state.velocity, state.velocity_gradient)
-        self.follow(self.passed, CONTACT_EVERY * dt * loose, strain)
+        self._reuse(pairs)
+        self.follow(self.passed, self.passed_time * loose, strain)
         self.balance_volume(time, strain)
-        self.passed = None
+        self.passed, self.passed_time = None, 0.0
 
 
 def _opposing_force(operator: Operator, velocities: np.ndarray, stress: np.ndarray) -> np.ndarray:

@@ -99,6 +99,7 @@ class ImplicitIntegrator:
         self.state = state
         self.neighbours: NeighbourList | None = None
         self.list_shape = np.empty((0, 6))
+        self.listed_shape: np.ndarray | None = None
         self.measured = np.empty((0, 6)), np.empty((0, 6)), 1.0
 
     @property
@@ -112,21 +113,21 @@ class ImplicitIntegrator:
         if (
             self.neighbours is not None
             and not force
-            and not self.affine
+            and (not self.affine or self.listed_shape is state.kernel_shape)
             and not list_is_stale(self.neighbours, state.position)
         ):
             return
         cutoff = SUPPORT * h * (1.0 + SKIN)
         state.reorder(cell_order(state.position, cutoff))
-        self.list_shape = state.kernel_shape.copy()
-        self.rebuild_list(state.position)
+        self.listed_shape, self.list_shape = state.kernel_shape, state.kernel_shape.copy()
+        self.rebuild_list(state.position, self.metric() if self.affine else None)
 
-    def rebuild_list(self, positions: np.ndarray) -> None:
+    def rebuild_list(self, positions: np.ndarray, measured: tuple[np.ndarray, float] | None = None) -> None:
         """List neighbours at given positions (those of the last rebuild, when a run is resumed)."""
         support = SUPPORT * self.model.smoothing_length
         metric, longest = None, 1.0
         if self.affine:
-            metric, longest = inverse_shape(self.list_shape)
+            metric, longest = measured or inverse_shape(self.list_shape)
         self.neighbours = build_list(positions, support * (1.0 + SKIN), 0.5 * support * SKIN, metric, longest)
 
     def weigh(self, positions: np.ndarray) -> Pairs:

@@ -104,8 +104,9 @@ def lattice_of(spacing: np.ndarray) -> np.ndarray:
 
 def inverse_shape(shape: np.ndarray) -> tuple[np.ndarray, float]:
     """Inverse shape tensors, shape (n, 6), and the longest axis of all."""
-    tensors = full(shape)
-    return six(np.linalg.inv(tensors)), float(np.sqrt(np.linalg.eigvalsh(tensors)[:, 2].max()))
+    inverse, longest = np.empty_like(shape), np.empty(len(shape))
+    _invert(shape, inverse, longest)
+    return inverse, float(np.sqrt(longest.max(initial=1.0)))
 
 
 def root_shape(shape: np.ndarray) -> np.ndarray:
@@ -129,6 +130,26 @@ def six(tensors: np.ndarray) -> np.ndarray:
     """Components XX, YY, ZZ, XY, YZ, XZ (n, 6) of symmetric tensors (n, 3, 3)."""
     flat = tensors.reshape(-1, 9)
     return np.ascontiguousarray(flat[:, [0, 4, 8, 1, 5, 2]])
+
+
+@njit(cache=True, parallel=True)
+def _invert(shape, inverse, largest):
+    for i in prange(shape.shape[0]):
+        xx, yy, zz, xy, yz, xz = shape[i, 0], shape[i, 1], shape[i, 2], shape[i, 3], shape[i, 4], shape[i, 5]
+        a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+        per = 1.0 / (xx * a + xy * b + xz * c)
+        inverse[i, 0], inverse[i, 1], inverse[i, 2] = per * a, per * (xx * zz - xz * xz), per * (xx * yy - xy * xy)
+        inverse[i, 3], inverse[i, 4], inverse[i, 5] = per * b, per * (xy * xz - xx * yz), per * c
+        # Largest eigenvalue of a symmetric tensor in closed form.
+        mean = (xx + yy + zz) / 3.0
+        dx, dy, dz = xx - mean, yy - mean, zz - mean
+        size = np.sqrt((dx * dx + dy * dy + dz * dz + 2.0 * (xy * xy + yz * yz + xz * xz)) / 6.0)
+        if size <= 1e-14 * mean:
+            largest[i] = mean
+            continue
+        third = dx * (dy * dz - yz * yz) - xy * (xy * dz - yz * xz) + xz * (xy * yz - dy * xz)
+        cosine = min(1.0, max(-1.0, third / (2.0 * size * size * size)))
+        largest[i] = mean + 2.0 * size * np.cos(np.arccos(cosine) / 3.0)
 
 
 @njit(cache=True, parallel=True)
