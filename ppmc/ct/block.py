@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.ct.layout import laid_out, mirrored, reused, row_pitch
+from ppmc.ct.passes import pairs_of, stretches, weights
 from ppmc.ct.settings import Settings
 from ppmc.ct.source import Volume
-from ppmc.ct.tensor import pull_planes, push_planes, slot_size, work_sizes
+from ppmc.ct.tensor import band_rows, pull_planes, push_planes, slot_size, sweeps, work_sizes
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int64]
@@ -186,13 +187,17 @@ class TensorStream:
         self._vote = _in_phases(plane[None], stride[2], rest)
         self._inverse_z = inverse[0]
         self.channels = 7 if masked else 6
-        self._chosen, self._window, self._stride, self._averaged = chosen, window, stride, averaged
+        self._window, self._stride, self._averaged = window, stride, averaged
         self._noise = np.zeros(6, np.float32) if noise is None else noise
         self._inverse = np.zeros((self.channels, counts[1], self.pitch), np.float32)
         self._inverse[:, :, : counts[2]] = inverse[1][:, None] * inverse[2]
         self._shape = (rest[0], self.pitch, counts[1], self.channels, stride[2], stride[1])
-        self._slots = len(window[2]) + (batch - 1) * stride[0]
-        self._ring = reused("ring", self._slots * slot_size(self.size))
+        self._taps, self._places = sweeps(chosen.smooth, chosen.slope, window, self._shape)
+        half = len(window[2]) // 2
+        self._mean_z = weights(window[2], pairs_of(half))
+        self._planes_z = stretches(half, pairs_of(half), 1)
+        self._slots = (len(window[2]) + (batch - 1) * stride[0], slot_size(self.size))
+        self._ring = reused("ring", self._slots[0] * self._slots[1])
         work, band = work_sizes(self._shape, window[0])
         self._work = reused("work", work)
         self._band = reused("band", band)
@@ -208,18 +213,19 @@ class TensorStream:
 
         ``first`` must not be before the ``last`` of the call before.
         """
-        chosen = self._chosen
         stride_z = self._stride[0]
         begin = max(self._pushed, first * stride_z)
         end = (last - 1) * stride_z + len(self._window[2])
         push_planes(
-            begin, end, self._grey, self._shape, chosen.smooth, chosen.slope, self._window, self._vote, self._vote_z,
-            self._votes, self._ring, self._slots, self._work, self._band,
+            begin, end, self._grey, self._shape, len(self._window[1]), band_rows(self._shape[4], self.pitch),
+            self._taps, self._places, self._vote, self._vote_z, self._votes, self._ring, self._slots, self._work,
+            self._band,
         )  # fmt: skip
         self._pushed = end
         pull_planes(
             first, last, self._ring, self._slots, (self.counts[1], self.channels, self.pitch), stride_z,
-            self._window[2], self._inverse.reshape(-1), self._inverse_z, self._averaged, self._noise, out, at,
+            self._mean_z, self._planes_z, np.empty_like(self._planes_z), self._inverse.reshape(-1), self._inverse_z,
+            self._averaged, self._noise, out, at,
         )  # fmt: skip
 
 

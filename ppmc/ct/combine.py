@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ppmc.compile_cache import njit
-from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, R9, R10, R11, WORK, kernel, solve
+from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, R9, R10, R11, WORK, solve
+from ppmc.ct.passes import entry, kernel
 from ppmc.ct.sides import blend_sides, load, press_flat
 from ppmc.ct.steer import interpolate
 
@@ -146,7 +146,7 @@ def _judge(frame, least_energy, least_confidence, valid, first, n):
         valid[o + i] = valid[o + i] if good else np.uint8(0)
 
 
-@njit(nogil=True)
+@entry()
 def orient_planes(
     tensors, scores, shape, corner, step, inverse_h, side_steps, coarse, coarse_shape, lower, share, scale,
     least_energy, least_confidence, samples, out_shape, first, fibre, normal, values, confidence, planarity,

@@ -20,18 +20,13 @@ Component order of a tensor is XX, YY, ZZ, XY, YZ, XZ throughout.
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.compile_cache import fma, njit
+from ppmc.ct.passes import entry, inlined, kernel
 
 F = np.float32
-kernel = partial(njit, nogil=True, no_cpython_wrapper=True)
-"""Decorator of kernels that only kernels call: without the wrapper for Python they compile sooner."""
-inlined = partial(kernel, forceinline=True)
-"""Decorator of kernels that do so little that a call would take as long as the work."""
 CHUNK = 64
 """Tensors solved together; a component of theirs is a stretch of so many floats, a row."""
 R1, R2, R3, R4, R5, R6, R7, R8, R9, R10, R11 = (row * CHUNK for row in range(1, 12))
@@ -201,7 +196,7 @@ def solve(tensor, work, out):
     _remaining(work, out)
 
 
-@njit(nogil=True)
+@entry()
 def _solve_all(tensors, out):
     work = np.empty(WORK, np.float32)
     for n in range(tensors.shape[0]):

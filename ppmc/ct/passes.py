@@ -17,11 +17,14 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ppmc.compile_cache import fma, njit
 
 U = np.uint64
-kernel = partial(njit, nogil=True, no_cpython_wrapper=True)
+entry = partial(njit, nogil=True, no_cfunc_wrapper=True)
+"""Decorator of kernels that Python calls; nothing needs them as C functions."""
+kernel = partial(entry, no_cpython_wrapper=True)
 """Decorator of kernels that only kernels call: without the wrapper for Python they compile sooner."""
 inlined = partial(kernel, forceinline=True)
 """Decorator of sweeps: handing over their many arguments would take a fifth of their time."""
@@ -64,34 +67,28 @@ def _add_four(src, a0, b0, c0, a1, b1, c1, a2, b2, c2, a3, b3, c3, out, o, n):
         out[o + i] = fma(c3, src[a3 + i] + src[b3 + i], total)
 
 
-@kernel()
-def pairs_of(radius):
+def pairs_of(radius: int) -> int:
     """Return the number of pairs of taps, rounded up to what sweeps of four and at most one of six take."""
     return max(4, radius + radius % 2)
 
 
-@kernel()
-def weights(taps, pairs):
+def weights(taps: NDArray[np.float32], pairs: int) -> NDArray[np.float32]:
     """Return the middle tap and those to its right, zeros behind."""
-    radius = taps.shape[0] // 2
-    out = np.empty(pairs + 1, np.float32)
-    for t in range(pairs + 1):
-        out[t] = taps[radius + t] if t <= radius else ZERO
+    out = np.zeros(pairs + 1, np.float32)
+    half = taps[len(taps) // 2 :]
+    out[: len(half)] = half
     return out
 
 
-@kernel()
-def stretches(radius, pairs, step):
+def stretches(radius: int, pairs: int, step: int) -> NDArray[np.uint64]:
     """Return where stretches ``step`` apart begin, as filters want them: the middle, then right and left by turns.
 
     Pairs beyond the radius are the middle again; their weight is zero.
     """
-    out = np.empty(2 * pairs + 1, np.uint64)
-    for t in range(pairs + 1):
-        out[2 * t] = (radius - t if t <= radius else radius) * step
-        if t > 0:
-            out[2 * t - 1] = (radius + t if t <= radius else radius) * step
-    return out
+    away = np.arange(pairs + 1, dtype=np.int64)
+    away[radius + 1 :] = 0
+    turns = np.stack([radius + away, radius - away], axis=1).ravel()[1:]
+    return (turns * step).astype(np.uint64)
 
 
 @kernel()

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ppmc.compile_cache import njit
-from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, WORK, kernel, solve
+from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, WORK, solve
+from ppmc.ct.passes import entry, kernel
 from ppmc.ct.steer import NOWHERE, spread_of
 
 N, U = np.int64, np.uint64  # a literal number would have a kernel compiled for itself
@@ -30,7 +30,7 @@ BUFFERS = (6, WORK // CHUNK, 9)
 @kernel()
 def load(tensors, first, apart, step, n, out):
     """Copy six components, ``apart`` floats apart, of n tensors, ``step`` floats apart, into a chunk."""
-    for c in range(6):
+    for c in range(out.shape[0] // CHUNK):
         o = U(c * CHUNK)
         a = U(first + c * apart)
         if step == 1:
@@ -41,7 +41,7 @@ def load(tensors, first, apart, step, n, out):
                 out[o + i] = tensors[a + i * U(step)]
 
 
-@njit(nogil=True)
+@entry()
 def score_planes(tensors, planes, first, last, channels, shape, rows, voxels, scores, buffers):
     """Write the least eigenvalue of every tensor of some planes, at least zero.
 
@@ -176,7 +176,7 @@ def blend_sides(
                 _add(tensors, above, below, U(size), U(step), U(6), one, other, best)
     for i in range(CHUNK):
         total[i] = ONE / total[i]
-    for c in range(6):
+    for c in range(best.shape[0] // CHUNK):
         for i in range(CHUNK):
             best[c * CHUNK + i] *= total[i]
 

@@ -25,8 +25,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmc.compile_cache import fma, njit
-from ppmc.ct.eigen import CHUNK, R1, R2, R6, WORK, kernel, solve
+from ppmc.compile_cache import fma
+from ppmc.ct.eigen import CHUNK, R1, R2, R6, WORK, solve
+from ppmc.ct.passes import entry, kernel
 
 N, U = np.int64, np.uint64  # a literal number would have a kernel compiled for itself
 ZERO, ONE = np.float32(0.0), np.float32(1.0)
@@ -94,7 +95,7 @@ def interpolate(coarse, low, low1, high, high1, apart, b, a, n, out):
 
     A share of one gives the upper value to the last bit, as a share of zero does in the next cell.
     """
-    for c in range(6):
+    for c in range(out.shape[0] // CHUNK):
         o = U(c * CHUNK)
         shift = U(c * apart)
         p, p1, q, q1 = U(low) + shift, U(low1) + shift, U(high) + shift, U(high1) + shift
@@ -191,13 +192,13 @@ def _finish(total, work, solved, noise, unit, final):
         solved[i] = max(solved[i] * one, ZERO) if votes > LEAST_VOTES else NOWHERE
         w = unit / (solved[i] + FLOOR * (trace + unit))
         work[i] = one if final else w * w
-    for c in range(7):
+    for c in range(noise.shape[0]):
         share = noise[c]
         for i in range(CHUNK):
             total[c * CHUNK + i] = total[c * CHUNK + i] * work[i] - share
 
 
-@njit(nogil=True)
+@entry()
 def steer_planes(
     sums, plane_at, shape, steps, form, reach, coarse, coarse_shape, lower, share, planes, rows, voxels, noise, unit,
     out, channels, out_pitch, first, last, at_plane, scores, chosen, buffers,

@@ -20,8 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ppmc.compile_cache import njit
-from ppmc.ct.passes import U, both, even, kernel, odd, pairs_of, scale, stretches, weights
+from ppmc.ct.passes import U, both, entry, even, kernel, odd, pairs_of, scale, stretches, weights
 
 N = np.int64
 """A literal number would have a kernel compiled for itself."""
@@ -35,16 +34,6 @@ GROUP = 16
 """Rows that are windowed along y together, at least."""
 STRETCH = 512
 """Floats of each plane that are windowed along z at a time: the ring's part of them fits the innermost cache."""
-
-
-@kernel()
-def _stretches_of_phases(first, radius, pairs, phases, size):
-    """Return :func:`stretches` of voxels first, first + 1, ... of rows stored in phases of ``size`` floats."""
-    at = stretches(radius, pairs, N(1))
-    for t in range(at.shape[0]):
-        voxel = first + np.int64(at[t])
-        at[t] = (voxel % phases) * size + voxel // phases
-    return at
 
 
 @kernel()
@@ -72,15 +61,9 @@ def band_rows(phases, pitch):
     return max(1, BAND // (phases * pitch))
 
 
-_band_rows = kernel()(band_rows)
-
-
 def slot_size(size):
     """Return the floats from slot to slot of the ring: some more than a plane, lest slots contend for cache lines."""
     return size + (LINE * 17 - size) % (LINE * 64)
-
-
-_slot_size = kernel()(slot_size)
 
 
 def work_sizes(shape, window_x):
@@ -93,8 +76,52 @@ def work_sizes(shape, window_x):
     return (2 * phases + channels) * ny * pitch, (6 + channels) * band + window_x.shape[0]
 
 
-@njit(nogil=True)
-def push_planes(first, last, grey, shape, smooth, slope, window, vote, vote_z, votes, ring, slots, work, band):
+def sweeps(smooth, slope, window, shape):
+    """Return taps and places of :func:`push_planes`; made outside of it, for that compiles in no time.
+
+    Parameters
+    ----------
+    smooth, slope : three float32 arrays (x, y, z)
+        Taps of the Gaussian and of its derivative along each axis, the latter divided by the voxel size.
+    window : three float32 arrays (x, y, z)
+        Taps of the window.
+    shape : ints
+        See :func:`push_planes`.
+
+    Returns
+    -------
+    taps : eight float32 arrays
+        Of :func:`~ppmc.ct.passes.weights`: Gaussian x, y, z, derivative x, y, z, window x, y.
+    places : five uint64 arrays
+        Of :func:`~ppmc.ct.passes.stretches`: planes, rows, the window's voxels and rows; and voxels for each phase.
+    """
+    ny, pitch, _, _, phases, _ = shape
+    size = ny * pitch
+    part = band_rows(phases, pitch) * pitch
+    reach = [len(taps) // 2 for taps in smooth]
+    pairs = [-(-r // 4) * 4 for r in reach]
+    half = [len(taps) // 2 for taps in window]
+    gradient = [weights(taps, n) for filters in (smooth, slope) for taps, n in zip(filters, pairs, strict=True)]
+    mean = [weights(taps, pairs_of(n)) for taps, n in zip(window[:2], half[:2], strict=True)]
+    by_voxel = _phased(np.arange(phases)[:, None] + stretches(reach[0], pairs[0], 1).astype(np.int64), phases, part)
+    by_window_voxel = _phased(stretches(half[0], pairs_of(half[0]), 1).astype(np.int64), phases, part)
+    places = (
+        stretches(reach[2], pairs[2], phases * size),
+        stretches(reach[1], pairs[1], pitch),
+        by_window_voxel,
+        stretches(half[1], pairs_of(half[1]), pitch),
+        by_voxel,
+    )
+    return (*gradient, *mean), places
+
+
+def _phased(voxels, phases, size):
+    """Return where voxels are in a row that is stored in phases of ``size`` floats."""
+    return (voxels % phases * size + voxels // phases).astype(np.uint64)
+
+
+@entry()
+def push_planes(first, last, grey, shape, length, rows, taps, places, vote, vote_z, votes, ring, slots, work, band):
     """Put planes of gradient products, windowed along x and y, into the ring.
 
     Parameters
@@ -106,49 +133,36 @@ def push_planes(first, last, grey, shape, smooth, slope, window, vote, vote_z, v
         The block with its halo, axes (z, phase of x, y, x).
     shape : six ints
         ny, pitch, output rows, channels (6 or 7), stride along x, stride along y.
-    smooth, slope : three float32 arrays (x, y, z)
-        Taps of the Gaussian and of its derivative along each axis, the latter divided by the voxel size.
-    window : three float32 arrays (x, y, z)
-        Taps of the window.
+    length, rows : int
+        Taps of the window along y, and :func:`band_rows`.
+    taps, places
+        See :func:`sweeps`.
     vote, vote_z : (stride_x * ny * pitch,) and (pz,) float32
         A gradient's weight is ``vote * vote_z[z]``, both for the block less the gradient radius; ``vote`` laid out
         as a plane of ``grey``.
     votes : (pz * stride_x * ny * pitch,) float32, or empty
         Weights by voxel instead of ``vote``; then the ring has a seventh channel, the windowed weight.
-    ring : (slots * slot_size(channels * output rows * pitch),) float32
-    slots : int
+    ring : (slots * apart,) float32
+    slots : two ints
+        Number of slots, and :func:`slot_size` of channels * output rows * pitch, the distance ``apart``.
     work, band : float32 arrays of :func:`work_sizes`
         Finite values on entry.
     """
     ny, pitch, oy, channels, phases, stride_y = shape
-    smooth_x, smooth_y, smooth_z = smooth
-    slope_x, slope_y, slope_z = slope
-    window_x, window_y, _ = window
-    length = window_y.shape[0]
+    even_x, even_y, even_z, odd_x, odd_y, odd_z, mean_x, mean_y = taps
+    by_plane, by_row, by_window_voxel, by_window_row, by_voxel_of = places
+    count, apart = slots
     py = (oy - 1) * stride_y + length
     size = ny * pitch
-    rows = _band_rows(phases, pitch)
     part = rows * pitch
     whole = phases * part
     weighted = votes.shape[0] > 0
-    reach_x, reach_y, reach_z = smooth_x.shape[0] // 2, smooth_y.shape[0] // 2, smooth_z.shape[0] // 2
-    pairs_x, pairs_y, pairs_z = -(-reach_x // 4) * 4, -(-reach_y // 4) * 4, -(-reach_z // 4) * 4
-    even_x, even_y, even_z = weights(smooth_x, pairs_x), weights(smooth_y, pairs_y), weights(smooth_z, pairs_z)
-    odd_x, odd_y, odd_z = weights(slope_x, pairs_x), weights(slope_y, pairs_y), weights(slope_z, pairs_z)
-    by_plane = stretches(reach_z, pairs_z, phases * size)
-    by_row = stretches(reach_y, pairs_y, pitch)
-    half = window_x.shape[0] // 2
-    mean_x = weights(window_x, pairs_of(half))
-    by_window_voxel = _stretches_of_phases(N(0), half, pairs_of(half), phases, part)
-    half = length // 2
-    mean_y = weights(window_y, pairs_of(half))
-    by_window_row = stretches(half, pairs_of(half), pitch)
     slant, sums = phases * size, 2 * phases * size
     along_x, along_y, along_z = U(0), U(whole), U(2 * whole)
     gx, gy, gz, products = U(3 * whole), U(4 * whole), U(5 * whole), U(6 * whole)
     for plane in range(first, last):
         start = plane * phases * size
-        slot = (plane % slots) * _slot_size(oy * channels * pitch)
+        slot = (plane % count) * apart
         for at in range(0, phases * size, BAND):
             n = U(min(BAND, phases * size - at))
             both(grey, U(start + at), by_plane, even_z, odd_z, work, U(at), work, U(slant + at), n)
@@ -163,7 +177,7 @@ def push_planes(first, last, grey, shape, smooth, slope, window, vote, vote_z, v
                 even(work, U(slant + a), by_row, even_y, band, along_z + o, n)
             for s in range(phases):
                 o = U(s * part)
-                by_voxel = _stretches_of_phases(s, reach_x, pairs_x, phases, part)
+                by_voxel = by_voxel_of[s]
                 odd(band, along_x, by_voxel, odd_x, band, gx + o, n)
                 even(band, along_y, by_voxel, even_x, band, gy + o, n)
                 even(band, along_z, by_voxel, even_x, band, gz + o, n)
@@ -216,21 +230,25 @@ def _subtract(out, o, share, n):
         out[o + i] -= share
 
 
-@njit(nogil=True)
+@entry()
 def pull_planes(
-    first, last, ring, slots, shape, stride_z, window_z, inverse, inverse_z, averaged, noise, out, at_plane
-):
+    first, last, ring, slots, shape, stride_z, mean_z, planes, by_slot, inverse, inverse_z, averaged, noise, out,
+    at_plane,
+):  # fmt: skip
     """Window planes of the ring along z.
 
     Parameters
     ----------
     first, last : int
         Output planes; plane z takes slots z * stride_z to z * stride_z + (length of the window) - 1.
-    ring, slots : array, int
+    ring, slots : array, two ints
         See :func:`push_planes`.
     shape : three ints
         Rows, channels and pitch of a plane.
-    stride_z, window_z : int, float32 array
+    stride_z : int
+    mean_z, planes, by_slot : float32 and two uint64 arrays
+        :func:`~ppmc.ct.passes.weights` and :func:`~ppmc.ct.passes.stretches` of the window along z, and room for as
+        many places as the latter.
     inverse, inverse_z : float32 arrays
         One over the windowed votes by channel, row and voxel of a plane, and by plane; used with six channels.
     averaged : bool
@@ -242,21 +260,17 @@ def pull_planes(
     """
     rows, channels, pitch = shape
     size = rows * channels * pitch
-    half = window_z.shape[0] // 2
-    apart = _slot_size(size)
-    mean_z = weights(window_z, pairs_of(half))
-    window_planes = stretches(half, pairs_of(half), N(1))
-    by_slot = np.empty(window_planes.shape[0], np.uint64)
+    count, apart = slots
     noisy = False
-    for channel in range(6):
+    for channel in range(noise.shape[0]):
         noisy |= noise[channel] != ZERO
     for at in range(0, size, STRETCH):
         n = U(min(STRETCH, size - at))
         for z in range(first, last):
-            begin = z * stride_z % slots
+            begin = z * stride_z % count
             for t in range(by_slot.shape[0]):
-                s = begin + np.int64(window_planes[t])
-                by_slot[t] = (s if s < slots else s - slots) * apart + at
+                s = begin + np.int64(planes[t])
+                by_slot[t] = (s if s < count else s - count) * apart + at
             o = U((at_plane + z - first) * size + at)
             even(ring, U(0), by_slot, mean_z, out, o, n)
             if averaged and channels == 6:
@@ -264,7 +278,8 @@ def pull_planes(
     if averaged and (noisy or channels == 7):
         n = U(rows * pitch)
         for plane in range(at_plane, at_plane + last - first):
-            for channel in range(6):
+            # a literal 6 would have the loop unrolled, which more than doubles the time to compile this kernel
+            for channel in range(noise.shape[0]):
                 o = U(plane * size) + U(channel) * n
                 if channels == 7:
                     _divide_weighted(out, o, U(plane * size) + U(6) * n, n)
