@@ -1,7 +1,7 @@
 """Fill of a small pin bracket: volume above the base against the balance, packing, and tightness.
 
-The bar of the balance is 1 %. At five particles across a flange the measured errors are 0.2 to 3 %, so the test holds
-what is reached; see docs/benchmarks/solver.md.
+The bar of the balance is 1 %. At five particles across a flange the count of what has passed its mouth is good to 3 %
+only, so the test holds what is reached; see docs/benchmarks/solver.md.
 """
 
 import numpy as np
@@ -76,10 +76,10 @@ def test_volume_above_the_base(filled):
     assert high < 1.07
     assert integrator.model.walls.tools.distances(state.position, end)[0].min() > 0.0
     assert np.linalg.norm(state.position, axis=1).max() < 60.0
-    assert state.volume_ratio.mean() == pytest.approx(1.0, abs=0.03)
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="the pressure follows the packing, and det F drifts from it: 1.11 at R = 1")
 def test_deformation_keeps_the_volume(filled):
-    assert filled.state.volume_ratio.mean() == pytest.approx(1.0, abs=0.03)
+    state = filled.state
+    assert state.volume_ratio.mean() == pytest.approx(1.0, abs=0.01)
+    np.testing.assert_allclose(np.linalg.det(state.deformation_gradient), state.volume_ratio, rtol=1e-9)
