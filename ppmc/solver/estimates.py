@@ -17,7 +17,7 @@ from ppmc.geometry.toolset import ToolSet
 from ppmc.scene.charge import BoxDomain, ChargeSection, DrapedDomain
 from ppmc.scene.materials.relations import axial_viscosity
 from ppmc.solver.explicit import SAFETY
-from ppmc.solver.setup import closing_motion
+from ppmc.solver.setup import closing_motion, run_constants
 from ppmc.solver.time_step import event_times
 
 if TYPE_CHECKING:
@@ -142,12 +142,7 @@ def make_plan(settings: Any, material: Any, tools: ToolSet, charge: Charge, clos
     speed, direction = closing_motion(tools, settings.end_time)
     step = float(np.linalg.norm(charge.spacing * direction))
     thickness = charge.sheet[0] if charge.sheet else float(np.ptp(charge.corners @ direction)) + step
-    rate = settings.strain_rate or (speed / thickness if speed > 0.0 else 1.0)
-    squeeze_viscosity = (material.ratio + 2.0) * material.shear
-    bulk = settings.bulk_modulus or settings.bulk_ratio * squeeze_viscosity * rate
-    density = settings.density or 0.0
-    if settings.density is None and settings.reynolds_number > 0.0:
-        density = settings.reynolds_number * squeeze_viscosity / (max(speed, rate * thickness) * thickness)
+    rate, bulk, density = run_constants(settings, material, speed, thickness)
     final_rate = rate if closest is None else max(rate, speed / closest.width)
     squeezed, layers = charge.sheet or (thickness, round(thickness / step))
     compression = 1.0 if closest is None else max(1.0, squeezed / closest.width)

@@ -49,14 +49,27 @@ def prepare(scene: Scene, charge: ParticleFile) -> tuple[Model, ParticleState]:
     )
     speed, direction = closing_motion(tools, settings.end_time)
     thickness = column_height(charge.positions, direction, spacing)
+    _, bulk, density = run_constants(settings, material, speed, thickness)
+    length = settings.smoothing_ratio * float(np.cbrt(np.prod(spacing)))
+    return Model(settings, material, walls, length, bulk, density), state
+
+
+def run_constants(settings: Any, material: Any, speed: float, thickness: float) -> tuple[float, float, float]:
+    """Closing strain rate (1/s), bulk modulus (Pa) and scaled density (g/mm^3) that a run takes.
+
+    Parameters
+    ----------
+    settings, material : sections `solver` and `material` of the scene
+    speed, thickness : float
+        Of the fastest tool, mm/s, and of the charge along it, mm.
+    """
     rate = settings.strain_rate or (speed / thickness if speed > 0.0 else 1.0)
     squeeze_viscosity = (material.ratio + 2.0) * material.shear
     bulk = settings.bulk_modulus or settings.bulk_ratio * squeeze_viscosity * rate
     density = settings.density or 0.0
     if settings.density is None and settings.reynolds_number > 0.0:
         density = settings.reynolds_number * squeeze_viscosity / (max(speed, rate * thickness) * thickness)
-    length = settings.smoothing_ratio * float(np.cbrt(np.prod(spacing)))
-    return Model(settings, material, walls, length, bulk, density), state
+    return rate, bulk, density
 
 
 def closing_motion(tools: ToolSet, end: float) -> tuple[float, np.ndarray]:
