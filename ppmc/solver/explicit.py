@@ -27,10 +27,11 @@ from ppmc.solver import materials, single_direction
 from ppmc.solver.block_jacobi import multiply_blocks
 from ppmc.solver.contact import Contacts, between_wall_layers
 from ppmc.solver.gradient import moments_and_gradient, velocity_gradient
-from ppmc.solver.implicit import ImplicitIntegrator, StepReport, material_power
+from ppmc.solver.implicit import ImplicitIntegrator, StepReport
 from ppmc.solver.kernel_shape import rearrangement_rate, smoothness
 from ppmc.solver.neighbours import Pairs
 from ppmc.solver.operator import Operator, assemble
+from ppmc.solver.power import material_power
 from ppmc.solver.reductions import dot
 from ppmc.solver.tools import RATE_MEMORY
 from ppmc.solver.transport import convect_deformation, convect_directions, increment_to_here, jeffery_increment

@@ -23,6 +23,7 @@ from ppmc.solver.gradient import mean_around, moments_and_gradient, velocity_gra
 from ppmc.solver.kernel_shape import follow_lattice, inverse_shape, limited, rearrangement_rate, smoothness
 from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, cell_order, list_is_stale, weigh_pairs
 from ppmc.solver.operator import Operator, assemble
+from ppmc.solver.power import material_power, power_scale
 from ppmc.solver.rigid_modes import free_rigid_modes
 from ppmc.solver.smoothing import SUPPORT, pair_weight
 from ppmc.solver.state import ParticleState
@@ -37,8 +38,6 @@ NEGLIGIBLE, DEEPEST = 1e-3, 0.01  # penetration in spacings: not worth a pass; w
 SPARE_PASSES = 2  # of such passes
 ROUGH = 10.0  # factor on tolerances while it is open which faces touch
 ROUGH_WINDOW, WINDOW = 4, 8  # iterations between estimates of the error
-SCALES = (0.5, 2.0)  # bounds of the correction of reactions by their power
-LEAST_WORK = 0.1  # of the power that the charge takes up: below, reactions are left as they are
 LEAST_STRAIN = 1e-3  # of the mean strain of a step: nothing flows below
 STARTS = 3  # solves from rest: only the second and third know how wall layers flatten
 TOUCH = 1e-6  # gap, in spacings, at which a face counts as touched
@@ -303,31 +302,31 @@ class ImplicitIntegrator:
         total = float(np.sum(v * resisted))
         gradient = velocity_gradient(operator.pairs, operator.positions, operator.volumes, operator.inverse, v)
         rate = 0.5 * (gradient + np.swapaxes(gradient, -1, -2))
-        physical = float(np.sum(operator.volumes * material_power(operator, rate)))
+        power = material_power(operator, rate)
+        physical = float(np.sum(operator.volumes * power))
         report.dissipation = total
         report.zero_energy_share = max(0.0, 1.0 - physical / total) if total > 0.0 else 0.0
         _, forces = contacts.reactions(-solution.residual)
         slide = v[:, None, :] - contacts.wall_velocity
         faces = self._friction(contacts, operator)
         drag = -np.einsum("nkab,nkb->nka", faces, slide) if len(faces) else np.zeros_like(slide)
-        body = self._body_power(operator, gradient, total - physical, v, dt)
+        body = self._body_power(power, np.einsum("nii->n", rate), v, dt) + total - physical
         forces *= power_scale(contacts, forces, drag, slide, body)
         self.add_tool_loads(contacts, forces + drag, operator.positions, report)
         report.contacts = int(contacts.active.any(axis=1).sum())
         report.penetration = float(contacts.violations(v, dt).max(initial=0.0))
 
-    def _body_power(
-        self, operator: Operator, gradient: np.ndarray, zero_energy: float, velocities: np.ndarray, dt: float
-    ) -> float:
-        """Power, Pa mm^3/s, that the charge takes up, the half-cells behind wall layers included."""
+    def _body_power(self, power: np.ndarray, swelling: np.ndarray, velocities: np.ndarray, dt: float) -> float:
+        """Power, Pa mm^3/s, that the charge takes up, the half-cells behind wall layers included.
+
+        Arguments are the material's power per volume and the divergence, both (n,), and the velocities (n, 3).
+        """
         state, model = self.state, self.model
-        rate = 0.5 * (gradient + np.swapaxes(gradient, -1, -2))
-        share = between_wall_layers(state.wall_layers)
         pressure = model.bulk_modulus * (state.volume_ratio - 1.0)
-        power = material_power(operator, rate) / share + pressure * np.einsum("nii->n", rate)
+        whole = power / between_wall_layers(state.wall_layers) + pressure * swelling
         gained = velocities * (velocities - state.velocity)
         inertia = model.density / dt * float(np.sum(state.volume[:, None] * gained)) if model.density > 0.0 else 0.0
-        return float(np.sum(operator.volumes * power)) + zero_energy + inertia
+        return float(np.sum(state.volume * whole)) + inertia
 
     def add_tool_loads(self, contacts: Contacts, forces: np.ndarray, positions: np.ndarray, report: StepReport) -> None:
         """Add what the particles exert on the tools, given the forces of the faces on them (n, 3, 3), to a report."""
@@ -419,41 +418,3 @@ def strain_rate(gradient: np.ndarray) -> np.ndarray:
     """Norm of the rate of deformation, shape (n,), 1/s, of velocity gradients (n, 3, 3)."""
     rate = 0.5 * (gradient + np.swapaxes(gradient, -1, -2))
     return np.sqrt(np.einsum("nij,nij->n", rate, rate))
-
-
-def power_scale(contacts: Contacts, reactions: np.ndarray, drag: np.ndarray, slide: np.ndarray, body: float) -> float:
-    """Factor on reactions that makes the tools' power that of the charge and of sliding on it.
-
-    An error e of the velocities falsifies reactions by A e, the power only by the square of e. With stiff fibres that
-    matters: reactions on a jittered block at R = 61,215 scatter by a tenth, their power by a thousandth. And the
-    reactions hold the centres of wall layers, while tools press on the faces of cells.
-
-    Parameters
-    ----------
-    contacts : Contacts
-    reactions, drag : ndarray, shape (n, 3, 3)
-        Normal and tangential forces of the faces on the particles, Pa mm^2.
-    slide : ndarray, shape (n, 3, 3)
-        Velocities of the particles relative to the faces, mm/s.
-    body : float
-        Power that the charge takes up, Pa mm^3/s.
-
-    Returns
-    -------
-    float
-        One where the tools' reactions do next to no work.
-    """
-    whole = contacts.whole_cells()[:, None, None]
-    pressing = float(np.sum(whole * reactions * contacts.wall_velocity))
-    sliding = -float(np.sum(whole * drag * (slide + contacts.wall_velocity)))
-    if pressing <= max(LEAST_WORK * body, 0.0):
-        return 1.0
-    return float(np.clip((body + sliding) / pressing, *SCALES))
-
-
-def material_power(operator: Operator, rate: np.ndarray) -> np.ndarray:
-    """Power per volume of the material and its bulk stiffness, without zero-energy control; shape (n,)."""
-    from ppmc.solver.viscosity import viscous_stress
-
-    stress = viscous_stress(rate, operator.shear, operator.fibre, operator.directions)
-    return np.einsum("nij,nij->n", rate, stress) + operator.bulk * np.einsum("nii->n", rate) ** 2
