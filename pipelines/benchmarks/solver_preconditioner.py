@@ -57,14 +57,12 @@ def mixed(shape: tuple[int, int, int], ratio: float, seed: int = 0) -> tuple[Vel
     fibre = np.full((n, 1), 4.0 * (ratio - 1.0))
     bulk = np.full(n, 6.0 * (ratio + 2.0))
     operator = assemble(pairs, positions, np.ones(n), np.ones(n), bulk, fibre, directions[:, None].copy())
-    free, start = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
-    upper = positions[:, 2] > shape[2] - 1.0
-    free[upper | (positions[:, 2] < 1.0), 2, 2] = 0.0
+    upper, start = positions[:, 2] > shape[2] - 1.0, np.zeros((n, 3))
     start[upper, 2] = -1.0
-    blocks = operator.diagonal()
-    system = VelocitySystem(operator, np.zeros((n, 1)), np.zeros((n, 3, 3)), free, restricted_inverse(blocks, free))
-    stiffness = np.trace(blocks, axis1=1, axis2=2) / 3.0
-    system.rigid = free_rigid_modes(positions, free, np.zeros((n, 3, 3)), stiffness)
+    rows, blocks, none = np.flatnonzero(upper | (positions[:, 2] < 1.0)), operator.diagonal(), np.zeros(n)
+    drag, free = np.zeros((len(rows), 3, 3)), np.tile(np.diag([1.0, 1.0, 0.0]), (len(rows), 1, 1))
+    system = VelocitySystem(operator, none, rows, drag, free, restricted_inverse(blocks, rows, drag, free))
+    system.rigid = free_rigid_modes(positions, none, rows, free, drag, float(blocks[:, :3].mean()))
     return system, start
 
 
@@ -72,9 +70,12 @@ def add_grid(system: VelocitySystem, cell: float) -> int:
     """Give the system its coarse grid and return the grid's number of unknowns."""
     operator: Operator = system.operator
     grid = make_grid(operator.positions, cell)
-    own = np.trace(operator.diagonal(), axis1=1, axis2=2) / 3.0
-    point = own[:, None, None] * (np.eye(3) - system.free)
-    grid.stiffen(operator.volumes, operator.shear, operator.bulk, operator.fibre, operator.directions, point)
+    own = operator.diagonal()[system.rows, :3].mean(axis=1)
+    hold = own[:, None, None] * (np.eye(3) - system.free)
+    grid.stiffen(
+        operator.volumes, operator.shear, operator.bulk, operator.fibre, operator.directions, system.inertia,
+        system.rows, hold,
+    )  # fmt: skip
     system.coarse = grid
     return 3 * len(grid.corners)
 

@@ -1,4 +1,8 @@
-"""Block-Jacobi preconditioner: inverse 3x3 diagonal blocks, restricted to the directions the tools leave free."""
+"""Block-Jacobi preconditioner: inverse 3x3 diagonal blocks, restricted to the directions the tools leave free.
+
+The inverses are kept in single precision: a preconditioner only has to be symmetric and positive definite, and it is
+as long as what rounding takes is given back on the diagonal.
+"""
 
 # mypy: disable-error-code="no-untyped-def"
 
@@ -7,24 +11,44 @@ import numpy as np
 from ppmc.compile_cache import njit, prange
 from ppmc.solver.small_tensors import invert_block
 
+ROUNDING = 2e-7  # of the trace of an inverse: no less than what rounding its entries to single precision can take
 
-def restricted_inverse(blocks: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Inverse of P D P on the range of P, particle by particle.
+
+def restricted_inverse(blocks: np.ndarray, rows: np.ndarray, drag: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Inverse of P (D + G) P on the range of P, particle by particle.
 
     Parameters
     ----------
-    blocks : ndarray, shape (n, 3, 3)
-        Diagonal blocks D.
-    free : ndarray, shape (n, 3, 3)
-        Projections P onto the free directions.
+    blocks : ndarray, shape (n, 6)
+        Diagonal blocks D as XX, YY, ZZ, XY, YZ, XZ.
+    rows : ndarray, shape (m,), int64
+        Particles that a tool may hold or brake.
+    drag : ndarray, shape (m, 3, 3)
+        Wall drag G on these.
+    free : ndarray, shape (m, 3, 3)
+        Projections P onto their free directions.
 
     Returns
     -------
-    ndarray, shape (n, 3, 3)
+    ndarray, shape (n, 6), float32
     """
-    out = np.empty_like(blocks)
-    _restricted_inverse(blocks, free, out)
+    out = np.empty(blocks.shape, dtype=np.float32)
+    _inverse(blocks, out)
+    _restricted_inverse(blocks, rows, drag, free, out)
     return out
+
+
+def multiply_symmetric(blocks: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Product of symmetric blocks (n, 6), as XX, YY, ZZ, XY, YZ, XZ, with vectors (n, 3)."""
+    out = np.empty_like(vectors)
+    _multiply_symmetric(blocks, vectors, out)
+    return out
+
+
+def multiply_rows(rows: np.ndarray, blocks: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Multiply some `rows` (m,) of vectors (n, 3) by blocks (m, 3, 3) in place; return the vectors."""
+    _multiply_rows(rows, blocks, vectors)
+    return vectors
 
 
 def multiply_blocks(blocks: np.ndarray, vectors: np.ndarray) -> np.ndarray:
@@ -43,23 +67,74 @@ def _multiply(blocks, vectors, out):
 
 
 @njit(cache=True, parallel=True)
-def _restricted_inverse(blocks, free, out):
+def _multiply_rows(rows, blocks, vectors):
+    for k in prange(rows.shape[0]):
+        i = rows[k]
+        a, b, c = vectors[i, 0], vectors[i, 1], vectors[i, 2]
+        for r in range(3):
+            vectors[i, r] = blocks[k, r, 0] * a + blocks[k, r, 1] * b + blocks[k, r, 2] * c
+
+
+@njit(cache=True, parallel=True)
+def _multiply_symmetric(blocks, vectors, out):
+    for i in prange(vectors.shape[0]):
+        a, b, c = vectors[i, 0], vectors[i, 1], vectors[i, 2]
+        xx, yy, zz, xy, yz, xz = (
+            np.float64(blocks[i, 0]), np.float64(blocks[i, 1]), np.float64(blocks[i, 2]),
+            np.float64(blocks[i, 3]), np.float64(blocks[i, 4]), np.float64(blocks[i, 5]),
+        )  # fmt: skip
+        out[i, 0] = xx * a + xy * b + xz * c
+        out[i, 1] = xy * a + yy * b + yz * c
+        out[i, 2] = xz * a + yz * b + zz * c
+
+
+@njit(cache=True)
+def _unpack(blocks, i, out):
+    out[0, 0], out[1, 1], out[2, 2] = blocks[i, 0], blocks[i, 1], blocks[i, 2]
+    out[0, 1] = out[1, 0] = blocks[i, 3]
+    out[1, 2] = out[2, 1] = blocks[i, 4]
+    out[0, 2] = out[2, 0] = blocks[i, 5]
+
+
+@njit(cache=True)
+def _pack(block, i, out):
+    add = ROUNDING * (block[0, 0] + block[1, 1] + block[2, 2])
+    out[i, 0], out[i, 1], out[i, 2] = block[0, 0] + add, block[1, 1] + add, block[2, 2] + add
+    out[i, 3], out[i, 4], out[i, 5] = block[0, 1], block[1, 2], block[0, 2]
+
+
+@njit(cache=True, parallel=True)
+def _inverse(blocks, out):
     for i in prange(blocks.shape[0]):
-        scale = blocks[i, 0, 0] + blocks[i, 1, 1] + blocks[i, 2, 2]
-        work, inverse = np.zeros((3, 3)), np.zeros((3, 3))
+        block, inverse = np.empty((3, 3)), np.empty((3, 3))
+        _unpack(blocks, i, block)
+        invert_block(block, inverse)
+        _pack(inverse, i, out)
+
+
+@njit(cache=True, parallel=True)
+def _restricted_inverse(blocks, rows, drag, free, out):
+    for place in prange(rows.shape[0]):
+        block, work, inverse, p = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), free[place]
+        _unpack(blocks, rows[place], block)
+        for r in range(3):
+            for c in range(3):
+                block[r, c] += drag[place, r, c]
+        scale = block[0, 0] + block[1, 1] + block[2, 2]
         for r in range(3):
             for c in range(3):
                 total = 0.0
                 for k in range(3):
                     for m in range(3):
-                        total += free[i, r, k] * blocks[i, k, m] * free[i, m, c]
+                        total += p[r, k] * block[k, m] * p[m, c]
                 identity = 1.0 if r == c else 0.0
-                work[r, c] = total + scale * (identity - free[i, r, c])
+                work[r, c] = total + scale * (identity - p[r, c])
         invert_block(work, inverse)
         for r in range(3):
             for c in range(3):
                 total = 0.0
                 for k in range(3):
                     for m in range(3):
-                        total += free[i, r, k] * inverse[k, m] * free[i, m, c]
-                out[i, r, c] = total
+                        total += p[r, k] * inverse[k, m] * p[m, c]
+                block[r, c] = total
+        _pack(block, rows[place], out)

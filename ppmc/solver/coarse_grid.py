@@ -10,7 +10,7 @@ the material, taken with each particle as one point of quadrature:
 with inertia m, wall drag G, and a stiffness s (the particle's own) on the directions that tools hold. Compared with
 the exact Galerkin product it costs a few iterations and saves hundreds of operator products. The correction
 :math:`P\Phi E^{-1}\Phi^TP` is symmetric and positive semi-definite whatever E misses, so conjugate gradients stay
-valid, and E may be kept while contacts change.
+valid, and E may be kept while contacts change. The projection P is left to the caller, who has more to project.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -21,8 +21,8 @@ import numpy as np
 
 from ppmc.compile_cache import njit, prange
 from ppmc.errors import NumericalError
-from ppmc.solver.block_jacobi import multiply_blocks
 from ppmc.solver.cells import MAX_CELLS
+from ppmc.solver.contact import places
 from ppmc.solver.skyline import SkylineFactor, factorise
 
 CELL = 3.0  # size of a grid cell in particle spacings
@@ -35,7 +35,7 @@ class CoarseGrid:
 
     Attributes
     ----------
-    order : ndarray, shape (n,), int64
+    order : ndarray, shape (n,), int32
         Particles by cell.
     start : ndarray, shape (cells + 1,), int64
         First of each cell in `order`.
@@ -61,7 +61,7 @@ class CoarseGrid:
 
     def stiffen(
         self, volumes: np.ndarray, shear: np.ndarray, bulk: np.ndarray, fibre: np.ndarray, directions: np.ndarray,
-        point_stiffness: np.ndarray,
+        inertia: np.ndarray, rows: np.ndarray, hold: np.ndarray,
     ) -> None:  # fmt: skip
         """Assemble and factorise the grid's stiffness.
 
@@ -69,13 +69,18 @@ class CoarseGrid:
         ----------
         volumes, shear, bulk, fibre, directions
             As in :class:`ppmc.solver.operator.Operator`.
-        point_stiffness : ndarray, shape (n, 3, 3)
-            Inertia, wall drag and hold of the tools at each particle, Pa s mm.
+        inertia : ndarray, shape (n,)
+            Mass over the step, Pa s mm.
+        rows : ndarray, shape (m,), int64
+            Particles that a tool may hold or brake.
+        hold : ndarray, shape (m, 3, 3)
+            Wall drag and hold of the tools on them, Pa s mm.
         """
+        place = places(rows, len(volumes))
         matrices = np.empty((len(self.nodes), 24, 24))
         _cell_stiffness(
-            self.order, self.start, self.local, self.size, volumes, shear, bulk, fibre, directions, point_stiffness,
-            matrices,
+            self.order, self.start, self.local, self.size, volumes, shear, bulk, fibre, directions, inertia, place,
+            hold, matrices,
         )  # fmt: skip
         lowest = np.arange(len(self.corners))
         np.minimum.at(lowest, self.nodes.ravel(), np.repeat(self.nodes.min(axis=1), 8))
@@ -86,17 +91,15 @@ class CoarseGrid:
         _gather_stiffness(self.nodes, matrices, first, offset, values)
         self.factor = factorise(first, offset, values, SHIFT)
 
-    def correct(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """Interpolated grid solution for a residual (n, 3), projected onto the free directions (n, 3, 3)."""
+    def add_correction(self, residual: np.ndarray, out: np.ndarray) -> None:
+        """Add the interpolated grid solution for a residual (n, 3) to `out` (n, 3)."""
         assert self.factor is not None
         shares = np.empty((len(self.nodes), 8, 3))
         _restrict(self.order, self.start, self.local, residual, shares)
         load = np.empty((len(self.corners), 3))
         _collect(self.corners, shares.reshape(-1, 3), load)
         solution = self.factor.solve(load.ravel()).reshape(-1, 3)
-        out = np.empty_like(residual)
         _interpolate(self.order, self.start, self.local, self.nodes, solution, out)
-        return multiply_blocks(free, out)
 
 
 def make_grid(positions: np.ndarray, cell: float) -> CoarseGrid:
@@ -132,7 +135,7 @@ def make_grid(positions: np.ndarray, cell: float) -> CoarseGrid:
     place = (positions - low) / size
     ijk = np.minimum(place.astype(np.int64), shape - 1)
     number = (ijk[:, 0] * shape[1] + ijk[:, 1]) * shape[2] + ijk[:, 2]
-    order = np.argsort(number, kind="stable")
+    order = np.argsort(number, kind="stable").astype(np.int32)
     occupied, start = np.unique(number[order], return_index=True)
     low_corner = np.stack(np.unravel_index(occupied, tuple(shape)), axis=1)
     step = np.stack(np.unravel_index(np.arange(8), (2, 2, 2)), axis=1)
@@ -175,15 +178,20 @@ def _gradients(local, size, grad):
 
 
 @njit(cache=True, parallel=True)
-def _cell_stiffness(order, start, local, size, volume, shear, bulk, fibre, p, point, out):
+def _cell_stiffness(order, start, local, size, volume, shear, bulk, fibre, p, inertia, place, hold, out):
     for cell in prange(start.shape[0] - 1):
         matrix = out[cell]
         matrix[:] = 0.0
-        phi, g, flat = np.empty(8), np.empty((8, 3)), np.empty(24)
+        phi, g, flat, point = np.empty(8), np.empty((8, 3)), np.empty(24), np.empty((3, 3))
         for slot in range(start[cell], start[cell + 1]):
             i = order[slot]
             _weights(local[i], phi)
             _gradients(local[i], size, g)
+            point[:] = 0.0
+            if place[i] >= 0:
+                point[:] = hold[place[i]]
+            for c in range(3):
+                point[c, c] += inertia[i]
             vol = volume[i]
             eta, lame = vol * shear[i], vol * (bulk[i] - 2.0 / 3.0 * shear[i])
             for a in range(8):
@@ -194,7 +202,7 @@ def _cell_stiffness(order, start, local, size, volume, shear, bulk, fibre, p, po
                         matrix[3 * a + c, 3 * b + c] += gg
                         for d in range(3):
                             matrix[3 * a + c, 3 * b + d] += (
-                                eta * g[a, d] * g[b, c] + lame * g[a, c] * g[b, d] + pp * point[i, c, d]
+                                eta * g[a, d] * g[b, c] + lame * g[a, c] * g[b, d] + pp * point[c, d]
                             )
             for k in range(p.shape[1]):
                 scale = vol * fibre[i, k]
@@ -255,4 +263,4 @@ def _interpolate(order, start, local, nodes, solution, out):
                 total = 0.0
                 for a in range(8):
                     total += phi[a] * solution[nodes[cell, a], c]
-                out[i, c] = total
+                out[i, c] += total

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmc.errors import NumericalError
-from ppmc.solver.reductions import dot
+from ppmc.solver.reductions import add_multiple, dot
 
 Field = Callable[[np.ndarray], np.ndarray]
 
@@ -80,12 +80,16 @@ def conjugate_gradient(
     ppmc.errors.NumericalError
         If the operator yields values that are not finite.
     """
+    # Each vector counts where a run holds most: what is not needed while the operator or the preconditioner is at work
+    # is given up before.
     v = start.copy()
-    residual = right_side - apply(v)
+    del start
+    residual = apply(v)
+    np.subtract(right_side, residual, out=residual)
     r = project(residual)
-    z = precondition(r)
-    p = z.copy()
-    rz = dot(r, z)
+    p = precondition(r)
+    rz = dot(r, p)
+    del r
     first_rz = rz
     mark = v.copy()
     changes: list[float] = []
@@ -104,21 +108,23 @@ def conjugate_gradient(
             estimate = 0.0
             break
         alpha = rz / curvature
-        v += alpha * p
+        add_multiple(v, alpha, p)
         gain += alpha * rz
-        residual -= alpha * ap
+        add_multiple(residual, -alpha, ap)
+        del ap
         r = project(residual)
         z = precondition(r)
         rz, previous = dot(r, z), rz
         p *= rz / previous
         p += z
+        del r, z
         done += 1
         if done % window == 0:
-            change = v - mark
-            changes.append(np.sqrt(dot(change, change) / max(dot(v, v), 1e-300)))
+            np.subtract(v, mark, out=mark)
+            changes.append(np.sqrt(dot(mark, mark) / max(dot(v, v), 1e-300)))
             mark[:] = v
             estimate = _series_remainder(changes)
-            power = abs(dot(v, right_side - residual))
+            power = abs(dot(v, right_side) - dot(v, residual))
             gains.append(gain / max(power, 1e-300))
             gain = 0.0
             settled = _series_remainder(gains) < power_tolerance

@@ -35,23 +35,26 @@ PARALLEL = 0.05  # sine below which two faces are taken for one
 
 @dataclass
 class Contacts:
-    """Faces near each particle in one step, and which of them are active.
+    """Faces near particles in one step, and which of them are active; only of the m particles that have one near.
 
     Attributes
     ----------
-    tool : ndarray, shape (n, 3), int32
+    rows : ndarray, shape (m,), int64
+        Their numbers, ascending.
+    tool : ndarray, shape (m, 3), int32
         Tool of each face, -1 for none.
-    normal : ndarray, shape (n, 3, 3)
+    normal : ndarray, shape (m, 3, 3)
         Unit normals out of the tool, normal[i, k] belongs to tool[i, k].
-    half_width : ndarray, shape (n, 3)
+    half_width : ndarray, shape (m, 3)
         Deformed half-width of the particle along the normal, mm.
-    gap : ndarray, shape (n, 3)
+    gap : ndarray, shape (m, 3)
         Distance that the particle may approach, mm.
-    wall_velocity : ndarray, shape (n, 3, 3)
+    wall_velocity : ndarray, shape (m, 3, 3)
         Mean velocity of the tool's face over the step, mm/s.
-    active : ndarray, shape (n, 3), bool
+    active : ndarray, shape (m, 3), bool
     """
 
+    rows: np.ndarray
     tool: np.ndarray
     normal: np.ndarray
     half_width: np.ndarray
@@ -60,36 +63,42 @@ class Contacts:
     active: np.ndarray
 
     def constrain(self, time_step: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the projections onto free directions (n, 3, 3) and the held velocities (n, 3)."""
-        n = len(self.tool)
-        free, held = np.empty((n, 3, 3)), np.empty((n, 3))
+        """Return the projections onto free directions (m, 3, 3) and the held velocities (m, 3)."""
+        m = len(self.rows)
+        free, held = np.empty((m, 3, 3)), np.empty((m, 3))
         _constrain(self.active, self.normal, self.gap, self.wall_velocity, time_step, free, held)
         return free, held
 
     def areas(self, volumes: np.ndarray) -> np.ndarray:
-        """Area, mm^2, with which particles of present `volumes` (n,), mm^3, lie at each face; shape (n, 3)."""
+        """Area, mm^2, with which particles of present `volumes` (m,), mm^3, lie at each face; shape (m, 3)."""
         return volumes[:, None] / np.maximum(2.0 * self.half_width, 1e-12)
 
     def layers(self) -> np.ndarray:
-        """Return the number of faces in whose wall layer each particle is, shape (n,): those touched or nearly so."""
+        """Return the number of faces in whose wall layer each particle is, shape (m,): those touched or nearly so."""
         near = (self.tool >= 0) & (self.gap < LAYER * self.half_width)
         return np.count_nonzero(near | self.active, axis=1)
 
+    def wall_layers(self, n: int) -> np.ndarray:
+        """Return the same for each of `n` particles, those far from all faces included, shape (n,)."""
+        out = np.zeros(n, dtype=np.int64)
+        out[self.rows] = self.layers()
+        return out
+
     def whole_cells(self) -> np.ndarray:
-        """Factor from a face's force on a particle to that on its whole cell, shape (n,).
+        """Factor from a face's force on a particle to that on its whole cell, shape (m,).
 
         A particle in several wall layers resists with a part of its cell only; each tool bears the whole.
         """
         return 1.0 / between_wall_layers(np.maximum(self.layers() - 1, 0))
 
     def reactions(self, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Split the tools' forces on the particles (n, 3), Pa mm^2, by face.
+        """Split the tools' forces on the particles (m, 3), Pa mm^2, by face.
 
         Returns
         -------
-        pressing : ndarray, shape (n, 3)
+        pressing : ndarray, shape (m, 3)
             Normal part at each face, positive when it presses.
-        forces : ndarray, shape (n, 3, 3)
+        forces : ndarray, shape (m, 3, 3)
             Force vector from each face on the particle.
         """
         pressing, forces = np.zeros((len(force), FACES)), np.zeros((len(force), FACES, 3))
@@ -101,7 +110,7 @@ class Contacts:
 
         Parameters
         ----------
-        pressing : ndarray, shape (n, 3)
+        pressing : ndarray, shape (m, 3)
             Normal reactions, see :meth:`reactions`.
         pairs : Pairs
         smoothing_length : float
@@ -109,17 +118,20 @@ class Contacts:
 
         Returns
         -------
-        ndarray, shape (n, 3); zero where nothing touches.
+        ndarray, shape (m, 3); zero where nothing touches.
         """
         out = np.zeros_like(pressing)
         _pressure_around(
-            pairs.start, pairs.count, pairs.index, pairs.weight, pair_weight(0.0, smoothing_length), self.tool,
-            self.normal, self.active, pressing, out,
+            pairs.start, pairs.count, pairs.index, pairs.weight, pair_weight(0.0, smoothing_length), self.rows,
+            places(self.rows, len(pairs.count)), self.tool, self.normal, self.active, pressing, out,
         )  # fmt: skip
         return out
 
     def violations(self, velocities: np.ndarray, time_step: float) -> np.ndarray:
-        """Penetration of inactive faces at the end of the step, shape (n, 3), mm; zero where there is none."""
+        """Penetration of inactive faces at the end of a step, shape (m, 3), mm; zero where there is none.
+
+        `velocities`, shape (m, 3), are those of the particles in the step.
+        """
         approach = np.einsum("nkc,nkc->nk", self.normal, velocities[:, None, :] - self.wall_velocity) * time_step
         depth = -(approach + self.gap)
         return np.where((self.tool >= 0) & ~self.active & (depth > 0.0), depth, 0.0)
@@ -211,6 +223,13 @@ def between_wall_layers(wall_layers: np.ndarray) -> np.ndarray:
     return WALL_SHARE**wall_layers
 
 
+def places(rows: np.ndarray, n: int) -> np.ndarray:
+    """Place of each of n particles in `rows` (m,), -1 for those that are not in it; shape (n,), int32."""
+    out = np.full(n, -1, dtype=np.int32)
+    out[rows] = np.arange(len(rows), dtype=np.int32)
+    return out
+
+
 @njit(cache=True, parallel=True)
 def _constrain(active, normal, gap, wall_velocity, dt, free, held):
     for i in prange(active.shape[0]):
@@ -245,14 +264,17 @@ def _constrain(active, normal, gap, wall_velocity, dt, free, held):
 
 
 @njit(cache=True, parallel=True)
-def _pressure_around(start, count, index, weight, own, tool, normal, active, pressing, out):
+def _pressure_around(start, count, index, weight, own, rows, place, tool, normal, active, pressing, out):
     for i in prange(active.shape[0]):
+        begin, neighbours = start[rows[i]], count[rows[i]]
         for k in range(active.shape[1]):
             if not active[i, k]:
                 continue
             total, mass = own * pressing[i, k], own
-            for slot in range(start[i], start[i] + count[i]):
-                j = index[slot]
+            for slot in range(begin, begin + neighbours):
+                j = place[index[slot]]
+                if j < 0:
+                    continue
                 for m in range(active.shape[1]):
                     if active[j, m] and tool[j, m] == tool[i, k]:
                         a, b = normal[i, k], normal[j, m]

@@ -18,7 +18,7 @@ particles near them only.
 # mypy: disable-error-code="no-untyped-def"
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -60,10 +60,8 @@ class NearTools:
 
     Attributes
     ----------
-    rows : ndarray, shape (m,), int64
-        Their numbers.
     contacts : Contacts
-        Their faces.
+        They and their faces.
     friction : ndarray, shape (m, 3)
         Drag of each face, Pa s/mm.
     area : ndarray, shape (m, 3)
@@ -72,7 +70,6 @@ class NearTools:
         What a touching particle's half-width loses in a step, mm.
     """
 
-    rows: np.ndarray
     contacts: Contacts
     friction: np.ndarray
     area: np.ndarray
@@ -124,7 +121,7 @@ class ExplicitIntegrator(ImplicitIntegrator):
                 self._push(near, dt, report)
                 done = (k + 1) % CONTACT_EVERY == 0 or k == steps - 1
                 if done:
-                    self._remember_faces(near)
+                    self.remember(near.contacts)
                 if k == steps - 1 and not ahead:
                     self._account_for(near, report)
                 elapsed += dt
@@ -172,18 +169,17 @@ class ExplicitIntegrator(ImplicitIntegrator):
 
     def _near_tools(self, time: float, dt: float) -> NearTools:
         walls = self.model.walls
-        contacts = walls.contacts(self.state, time, dt, 1.5 * float(walls.spacing.max()))
-        self.state.wall_layers = contacts.layers()
-        rows = np.flatnonzero((contacts.tool >= 0).any(axis=1))
-        here = Contacts(**{f.name: getattr(contacts, f.name)[rows] for f in fields(Contacts)})
-        state, shear = self.state, np.full(len(rows), self.model.material.shear)
+        state = self.state
+        here = walls.contacts(state, time, dt, 1.5 * float(walls.spacing.max()))
+        state.wall_layers = here.wall_layers(len(state))
+        rows, shear = here.rows, np.full(len(here.rows), self.model.material.shear)
         areas = here.areas((state.volume * state.volume_ratio)[rows])
         flattening = np.where(here.gap < TOUCHING * here.half_width, np.maximum(here.gap, 0.0), 0.0)
-        return NearTools(rows, here, walls.friction(here, shear), areas, flattening)
+        return NearTools(here, walls.friction(here, shear), areas, flattening)
 
     def _push(self, near: NearTools, dt: float, report: StepReport) -> None:
         """Advance the velocities by the forces of the charge and of the tools."""
-        state, model, contacts, rows = self.state, self.model, near.contacts, near.rows
+        state, model, contacts, rows = self.state, self.model, near.contacts, near.contacts.rows
         assert self.present is not None
         pressure_stress = model.bulk_modulus * (state.volume_ratio - 1.0) * between_wall_layers(state.wall_layers)
         opposing = _opposing_force(self.present, state.velocity, pressure_stress)
@@ -214,14 +210,6 @@ class ExplicitIntegrator(ImplicitIntegrator):
         physical = float(np.sum(state.volume * material_power(operator, rate)))
         report.zero_energy_share = max(0.0, 1.0 - physical / max(report.dissipation, 1e-300))
         report.contacts = int(near.contacts.active.any(axis=1).sum())
-
-    def _remember_faces(self, near: NearTools) -> None:
-        """Put the faces touched into the state, where the next search finds them again."""
-        state = self.state
-        state.contact_tool = np.full_like(state.contact_tool, -1)
-        state.contact_tool[near.rows] = np.where(near.contacts.active, near.contacts.tool, -1)
-        state.contact_normal = np.zeros_like(state.contact_normal)
-        state.contact_normal[near.rows] = near.contacts.normal
 
     def _move(self, time: float, dt: float, refresh: bool = False) -> None:
         """Advance everything else with the new velocities, and make the operator at the new positions."""
@@ -268,8 +256,7 @@ class ExplicitIntegrator(ImplicitIntegrator):
 def _opposing_force(operator: Operator, velocities: np.ndarray, stress: np.ndarray) -> np.ndarray:
     """Force that the viscous stress and a given isotropic one, shape (n,), Pa, oppose to the motion; Pa mm^2."""
     if operator.directions.shape[1] > 1:
-        given = (operator.volumes * stress)[:, None, None] * np.eye(3)
-        return operator.apply(velocities) + operator.stress_force(given)
+        return operator.apply(velocities) + operator.pressure_force(operator.volumes * stress)
     pairs, blocks, out = operator.pairs, operator.pairs.blocks, np.empty_like(velocities)
     window = np.empty((int(blocks.offset[-1]), 3))
     single_direction.stress_sweep(

@@ -193,13 +193,13 @@ class ImplicitIntegrator:
         reach = 1.3 * float(model.walls.spacing.max()) + 2.0 * float(speed)
         contacts = model.walls.contacts(state, time, dt, reach)
         contacts.active |= contacts.gap <= TOUCH * model.spacing
-        contacts.active |= contacts.violations(state.velocity, dt) > TOUCH * model.spacing
-        state.wall_layers = contacts.layers()
+        contacts.active |= contacts.violations(state.velocity[contacts.rows], dt) > TOUCH * model.spacing
+        state.wall_layers = contacts.wall_layers(len(state))
         operator = self.operator(0.5 * dt if update else 0.0, time, dt)
         report = StepReport(time_step=dt)
         solution = self._active_set(operator, contacts, dt, report)
         self._account(operator, contacts, solution, dt, report)
-        self._remember(contacts)
+        self.remember(contacts)
         model.walls.forced.adjust(report.tool_force, started=update)
         # What the solve held makes room for what the end of the step needs.
         velocities = solution.velocities
@@ -218,28 +218,32 @@ class ImplicitIntegrator:
 
     def _active_set(self, operator: Operator, contacts: Contacts, dt: float, report: StepReport) -> Solution:
         state, model = self.state, self.model
-        mass = (model.density / dt) * state.volume[:, None]
+        inertia, rows = (model.density / dt) * state.volume, contacts.rows
         pressure = model.bulk_modulus * state.volume * (state.volume_ratio - 1.0)
         pressure *= between_wall_layers(state.wall_layers)
-        load = mass * state.velocity - operator.stress_force(pressure[:, None, None] * np.eye(3))
-        blocks = operator.diagonal() + mass[:, :, None] * np.eye(3)
+        load = inertia[:, None] * state.velocity
+        load -= operator.pressure_force(pressure)
+        blocks = operator.diagonal()
+        blocks[:, :3] += inertia[:, None]
+        del pressure
         velocities = state.velocity
         last = model.settings.contact_passes - 1
         attempt, rough = 0, 1.0 if last == 0 else ROUGH
         while True:
             faces = self._friction(contacts, operator)
-            drag, drag_load = np.zeros_like(blocks), np.zeros_like(load)
+            drag, right_side = np.zeros((len(rows), 3, 3)), load
             if len(faces):
-                drag, drag_load = faces.sum(axis=1), np.einsum("nkab,nkb->na", faces, contacts.wall_velocity)
+                drag, right_side = faces.sum(axis=1), load.copy()
+                right_side[rows] += np.einsum("nkab,nkb->na", faces, contacts.wall_velocity)
             free, held = contacts.constrain(dt)
-            system = VelocitySystem(operator, mass, drag, free, restricted_inverse(blocks + drag, free))
+            inverse = restricted_inverse(blocks, rows, drag, free)
+            system = VelocitySystem(operator, inertia, rows, drag, free, inverse)
             system.coarse = self._coarse_grid(system, blocks)
-            hold = drag + mass[:, :, None] * np.eye(3)
-            stiffness = np.trace(blocks, axis1=1, axis2=2) / 3.0
-            system.rigid = free_rigid_modes(operator.positions, free, hold, stiffness)
+            stiffness = float(blocks[:, :3].mean())
+            system.rigid = free_rigid_modes(operator.positions, inertia, rows, free, drag, stiffness)
             solution = conjugate_gradient(
-                system.apply, system.project, system.precondition, load + drag_load,
-                system.project(velocities) + held, tolerance=rough * model.settings.velocity_tolerance,
+                system.apply, system.project, system.precondition, right_side,
+                system.feasible(velocities, held), tolerance=rough * model.settings.velocity_tolerance,
                 max_iterations=model.settings.max_iterations, power_tolerance=rough * model.settings.power_tolerance,
                 window=WINDOW if rough == 1.0 else ROUGH_WINDOW,
             )  # fmt: skip
@@ -248,16 +252,18 @@ class ImplicitIntegrator:
             report.passes += 1
             report.estimated_error = solution.estimated_error
             report.unconverged += not solution.converged
-            pressing, _ = contacts.reactions(-solution.residual)
+            pressing, _ = contacts.reactions(-solution.residual[rows])
             positive = pressing[pressing > 0.0]
             limit = RELEASE * float(positive.mean()) if len(positive) else 0.0
-            depth = contacts.violations(velocities, dt)
+            depth = contacts.violations(velocities[rows], dt)
             added = depth > NEGLIGIBLE * model.spacing
             # In the last pass nothing is released: a small pull for one step does less harm than a penetration.
             around = contacts.pressure_around(pressing, operator.pairs, model.smoothing_length)
             released = contacts.active & (around < -limit) if attempt < last else np.zeros_like(added)
             settled = not (added.any() or released.any())
-            enough = attempt >= last and (attempt >= last + SPARE_PASSES or depth.max() < DEEPEST * model.spacing)
+            enough = attempt >= last and (
+                attempt >= last + SPARE_PASSES or depth.max(initial=0.0) < DEEPEST * model.spacing
+            )
             if enough or (settled and rough == 1.0):
                 break
             contacts.active = (contacts.active & ~released) | added
@@ -271,22 +277,25 @@ class ImplicitIntegrator:
         """Coarse level of the preconditioner; it costs about as much as two products, so every pass has its own."""
         if not self.model.settings.coarse_level:
             return None
-        operator, identity = system.operator, np.eye(3)
+        operator = system.operator
         grid = make_grid(operator.positions, CELL * self.model.spacing)
         # What a tool holds is as stiff for the grid as the particle itself: the grid then leaves it alone.
-        own = np.trace(blocks, axis1=1, axis2=2) / 3.0
-        point = own[:, None, None] * (identity - system.free) + system.mass[:, :, None] * identity + system.drag
-        grid.stiffen(operator.volumes, operator.shear, operator.bulk, operator.fibre, operator.directions, point)
+        own = blocks[system.rows, :3].mean(axis=1)
+        hold = own[:, None, None] * (np.eye(3) - system.free) + system.drag
+        grid.stiffen(
+            operator.volumes, operator.shear, operator.bulk, operator.fibre, operator.directions, system.inertia,
+            system.rows, hold,
+        )  # fmt: skip
         return grid
 
     def _friction(self, contacts: Contacts, operator: Operator) -> np.ndarray:
-        """Drag of Navier and no-slip walls at each face, shape (n, 3, 3, 3), Pa s mm; (0, 3, 3, 3) if all slip."""
-        state = self.state
+        """Drag of Navier and no-slip walls at each face, shape (m, 3, 3, 3), Pa s mm; (0, 3, 3, 3) if all slip."""
+        state, rows = self.state, contacts.rows
         if not self.model.walls.rub:
             return np.zeros((0, FACES, 3, 3))
-        shear = operator.shear / between_wall_layers(state.wall_layers)
+        shear = operator.shear[rows] / between_wall_layers(state.wall_layers[rows])
         factor = np.where(contacts.active, self.model.walls.friction(contacts, shear), 0.0)
-        area = contacts.areas(state.volume * state.volume_ratio)
+        area = contacts.areas(state.volume[rows] * state.volume_ratio[rows])
         tangent = np.eye(3) - contacts.normal[..., :, None] * contacts.normal[..., None, :]
         return (factor * area)[..., None, None] * tangent
 
@@ -306,15 +315,15 @@ class ImplicitIntegrator:
         physical = float(np.sum(operator.volumes * power))
         report.dissipation = total
         report.zero_energy_share = max(0.0, 1.0 - physical / total) if total > 0.0 else 0.0
-        _, forces = contacts.reactions(-solution.residual)
-        slide = v[:, None, :] - contacts.wall_velocity
+        _, forces = contacts.reactions(-solution.residual[contacts.rows])
+        slide = v[contacts.rows, None, :] - contacts.wall_velocity
         faces = self._friction(contacts, operator)
         drag = -np.einsum("nkab,nkb->nka", faces, slide) if len(faces) else np.zeros_like(slide)
         body = self._body_power(power, np.einsum("nii->n", rate), v, dt) + total - physical
         forces *= power_scale(contacts, forces, drag, slide, body)
-        self.add_tool_loads(contacts, forces + drag, operator.positions, report)
+        self.add_tool_loads(contacts, forces + drag, operator.positions[contacts.rows], report)
         report.contacts = int(contacts.active.any(axis=1).sum())
-        report.penetration = float(contacts.violations(v, dt).max(initial=0.0))
+        report.penetration = float(contacts.violations(v[contacts.rows], dt).max(initial=0.0))
 
     def _body_power(self, power: np.ndarray, swelling: np.ndarray, velocities: np.ndarray, dt: float) -> float:
         """Power, Pa mm^3/s, that the charge takes up, the half-cells behind wall layers included.
@@ -329,7 +338,7 @@ class ImplicitIntegrator:
         return float(np.sum(state.volume * whole)) + inertia
 
     def add_tool_loads(self, contacts: Contacts, forces: np.ndarray, positions: np.ndarray, report: StepReport) -> None:
-        """Add what the particles exert on the tools, given the forces of the faces on them (n, 3, 3), to a report."""
+        """Add what the particles exert on the tools, given the forces of the faces on them (m, 3, 3), to a report."""
         if len(report.tool_force) == 0:
             report.tool_force = np.zeros((len(self.model.walls.tools), 3))
             report.tool_moment = np.zeros((len(self.model.walls.tools), 3))
@@ -358,11 +367,15 @@ class ImplicitIntegrator:
         assert self.neighbours is not None
         self.neighbours.spare = pairs
 
-    def _remember(self, contacts: Contacts) -> None:
+    def remember(self, contacts: Contacts) -> None:
+        """Put the faces touched into the state, where the next search finds them again."""
         # What touches now touches in the next solve, unless that finds otherwise; a solve that starts from no contact
         # would first let the whole charge drift.
-        self.state.contact_tool = np.where(contacts.active, contacts.tool, -1).astype(np.int32)
-        self.state.contact_normal = contacts.normal
+        state = self.state
+        state.contact_tool[:] = -1
+        state.contact_tool[contacts.rows] = np.where(contacts.active, contacts.tool, -1)
+        state.contact_normal[:] = 0.0
+        state.contact_normal[contacts.rows] = contacts.normal
 
     def _advance(self, velocities: np.ndarray, dt: float) -> None:
         state, settings = self.state, self.model.settings

@@ -110,12 +110,20 @@ class Operator:
         _traction_sweep(p.start, p.count, p.index, p.weight, self.positions, self.volumes, self.first, traction, out)
         return out
 
+    def pressure_force(self, stress: np.ndarray) -> np.ndarray:
+        """Return the same for isotropic stresses, shape (n,), Pa mm^3."""
+        traction = stress[:, None, None] * self.inverse
+        out = np.empty_like(self.positions)
+        p = self.pairs
+        _traction_sweep(p.start, p.count, p.index, p.weight, self.positions, self.volumes, self.first, traction, out)
+        return out
+
     def diagonal(self) -> np.ndarray:
-        """Return the 3x3 diagonal blocks, shape (n, 3, 3), Pa s mm.
+        """Return the 3x3 diagonal blocks as XX, YY, ZZ, XY, YZ, XZ, shape (n, 6), Pa s mm.
 
         Exact but for the direction-weighted part of the neighbours' zero-energy control, which is taken bond by bond.
         """
-        out = np.empty((len(self.positions), 3, 3))
+        out = np.empty((len(self.positions), 6))
         p = self.pairs
         _diagonal_sweep(
             p.start, p.count, p.index, p.weight, self.positions, self.volumes, self.inverse, self.first, self.shear,
@@ -364,6 +372,5 @@ def _diagonal_sweep(start, count, index, weight, x, volume, inverse, first, shea
                 along += y[c] * d[c]
             _add_gradient_block(block, volume[j], y, shear[j], bulk[j], fibre[j], p[j])
             _add_bond_block(block, a_other * max(0.0, 1.0 - along), d, control[j], p[j])
-        for r in range(3):
-            for c in range(3):
-                out[i, r, c] = block[r, c]
+        out[i, 0], out[i, 1], out[i, 2] = block[0, 0], block[1, 1], block[2, 2]
+        out[i, 3], out[i, 4], out[i, 5] = block[0, 1], block[1, 2], block[0, 2]

@@ -20,9 +20,9 @@ def power_scale(contacts: Contacts, reactions: np.ndarray, drag: np.ndarray, sli
     Parameters
     ----------
     contacts : Contacts
-    reactions, drag : ndarray, shape (n, 3, 3)
+    reactions, drag : ndarray, shape (m, 3, 3)
         Normal and tangential forces of the faces on the particles, Pa mm^2.
-    slide : ndarray, shape (n, 3, 3)
+    slide : ndarray, shape (m, 3, 3)
         Velocities of the particles relative to the faces, mm/s.
     body : float
         Power that the charge takes up, Pa mm^3/s.

@@ -1,4 +1,4 @@
-"""Sums over particles in a fixed order, so that their last bit doesn't depend on the number of threads."""
+"""Sums over particles in a fixed order, so that their last bit doesn't depend on the number of threads; and updates."""
 
 # mypy: disable-error-code="no-untyped-def"
 
@@ -24,3 +24,15 @@ def dot(a: np.ndarray, b: np.ndarray) -> float:
     partial = np.empty((len(a) + CHUNK - 1) // CHUNK)
     _partial_dots(a, b, partial)
     return float(sum(partial.tolist()))
+
+
+def add_multiple(a: np.ndarray, factor: float, b: np.ndarray) -> None:
+    """Add `factor` times b (n, 3) to a (n, 3) in place, without an array in between."""
+    _add_multiple(a, factor, b)
+
+
+@njit(cache=True, parallel=True)
+def _add_multiple(a, factor, b):
+    for i in prange(a.shape[0]):
+        for c in range(3):
+            a[i, c] += factor * b[i, c]

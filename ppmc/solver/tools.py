@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ppmc.geometry.contacts import find_contacts
-from ppmc.geometry.packed import NAVIER, NO_SLIP
+from ppmc.geometry.packed import NAVIER, NO_SLIP, ToolArrays
 from ppmc.geometry.toolset import ToolSet
 from ppmc.solver.contact import FACES, SAME_FACE, Contacts, half_widths, kept_half_widths, starting_half_widths
 from ppmc.solver.forced_tools import ForcedTools
@@ -15,6 +15,7 @@ from ppmc.solver.state import ParticleState
 # Share of the newest velocity gradient in the running means that predict half-widths: with all of it, few layers in a
 # closing gap make the rate alternate from step to step; with a tenth, the lag costs an order of accuracy.
 RATE_MEMORY = 0.3
+AT_ONCE = 4096  # particles whose faces are sought at once: all that may be found is then little to hold
 TREND = RATE_MEMORY / (1.0 - RATE_MEMORY)  # one step ahead of a linear trend, from a mean and the mean of means
 
 
@@ -64,7 +65,7 @@ class Walls:
         time_step: float,
         reach: float,
     ) -> Contacts:
-        """Faces within `reach` (mm) of each particle, with the gaps to be kept at the end of the step.
+        """Faces within `reach` (mm) of particles, with the gaps to be kept at the end of the step.
 
         Parameters
         ----------
@@ -77,25 +78,25 @@ class Walls:
         before, after = self.offsets(time), self.offsets(time + time_step)
         wall = (after - before) / time_step
         wall = wall + self.forced.velocities(time_step)
-        _, tool, phi, normal = find_contacts(self.tools.arrays, before, state.position, reach)
-        tool, phi, normal = tool[:, :FACES].astype(np.int32), phi[:, :FACES], np.ascontiguousarray(normal[:, :FACES])
+        rows, tool, phi, normal = faces_near(self.tools.arrays, before, state.position, reach)
         near = np.maximum(tool, 0)
-        ahead = (2.0 + TREND) * state.smooth_gradient - (1.0 + TREND) * state.twice_smooth_gradient
+        ahead = (2.0 + TREND) * state.smooth_gradient[rows] - (1.0 + TREND) * state.twice_smooth_gradient[rows]
         increment = np.eye(3) + time_step * ahead
-        lattice = six(increment @ full(state.lattice_shape) @ np.swapaxes(increment, -1, -2))
+        lattice = six(increment @ full(state.lattice_shape[rows]) @ np.swapaxes(increment, -1, -2))
         start = lattice_of(self.spacing)
-        width, rows = np.zeros(phi.shape), np.arange(len(state))
+        width = np.zeros(phi.shape)
         for k in range(FACES):
             on = tool[:, k] >= 0
-            reference = state.half_width[rows[on], near[on, k]] * np.cbrt(state.volume_ratio[on])
+            reference = state.half_width[rows[on], near[on, k]] * np.cbrt(state.volume_ratio[rows[on]])
             width[on, k] = half_widths(reference, lattice[on], start, normal[on, k])
-        touched = _still_touched(tool, normal, state)
+        touched = _still_touched(tool, normal, state.contact_tool[rows], state.contact_normal[rows])
         growth = np.linalg.norm(np.einsum("nab,nka->nkb", increment, normal), axis=2)
         rate = 0.5 * (ahead + np.swapaxes(ahead, -1, -2))
         strain = time_step * np.sqrt(np.einsum("nab,nab->n", rate, rate))
         keeps = (tool >= 0) & (touched | (phi < width))
         width = np.where(keeps, kept_half_widths(width, phi, growth, strain), width)
         return Contacts(
+            rows=rows,
             tool=tool,
             normal=normal,
             half_width=width,
@@ -105,10 +106,11 @@ class Walls:
         )
 
     def friction(self, contacts: Contacts, shear: np.ndarray) -> np.ndarray:
-        """Drag of each face on the centres of its wall layer, per area and velocity, shape (n, 3), Pa s/mm.
+        """Drag of each face on the centres of its wall layer, per area and velocity, shape (m, 3), Pa s/mm.
 
         The half-cell between the centre and the wall shears in series with the wall's own law, 1/(1/friction +
-        w/eta23); a no-slip wall is the limit of infinite friction, a slip wall has none.
+        w/eta23); a no-slip wall is the limit of infinite friction, a slip wall has none. `shear`, shape (m,), is that
+        of the particles in `contacts`.
         """
         near = np.maximum(contacts.tool, 0)
         laws = self.tools.arrays
@@ -124,8 +126,40 @@ class Walls:
         return normals[np.argmin(phi, axis=0), np.arange(len(positions))]
 
 
-def _still_touched(tool: np.ndarray, normal: np.ndarray, state: ParticleState) -> np.ndarray:
+def faces_near(
+    tools: ToolArrays, offsets: np.ndarray, positions: np.ndarray, reach: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Particles with a tool's face within reach, and these faces, the nearest first.
+
+    Parameters
+    ----------
+    tools, offsets, reach
+        As in :func:`ppmc.geometry.contacts.find_contacts`.
+    positions : ndarray, shape (n, 3)
+        mm.
+
+    Returns
+    -------
+    rows : ndarray, shape (m,), int64
+        Numbers of the particles, ascending.
+    tool : ndarray, shape (m, 3), int32
+        -1 for none.
+    distance : ndarray, shape (m, 3)
+        mm, infinite for none.
+    normal : ndarray, shape (m, 3, 3)
+        Into the material.
+    """
+    found = []
+    for begin in range(0, max(len(positions), 1), AT_ONCE):
+        _, tool, distance, normal = find_contacts(tools, offsets, positions[begin : begin + AT_ONCE], reach)
+        on = np.flatnonzero(tool[:, 0] >= 0)
+        found.append((begin + on, tool[on, :FACES].astype(np.int32), distance[on, :FACES], normal[on, :FACES]))
+    rows, tool, distance, normal = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return rows, tool, distance, normal
+
+
+def _still_touched(tool: np.ndarray, normal: np.ndarray, last_tool: np.ndarray, last_normal: np.ndarray) -> np.ndarray:
     """Mark faces that were touched in the last step: same tool, nearly the same normal."""
-    same_tool = (tool[:, :, None] == state.contact_tool[:, None, :]) & (tool[:, :, None] >= 0)
-    cosine = np.einsum("nkc,nmc->nkm", normal, state.contact_normal)
+    same_tool = (tool[:, :, None] == last_tool[:, None, :]) & (tool[:, :, None] >= 0)
+    cosine = np.einsum("nkc,nmc->nkm", normal, last_normal)
     return np.any(same_tool & (cosine > SAME_FACE), axis=2)

@@ -6,7 +6,14 @@ import pytest
 from ppmc.errors import NumericalError
 from ppmc.solver.block_jacobi import restricted_inverse
 from ppmc.solver.conjugate_gradient import conjugate_gradient
-from ppmc.solver.contact import Contacts, between_wall_layers, half_widths, kept_half_widths, starting_half_widths
+from ppmc.solver.contact import (
+    Contacts,
+    between_wall_layers,
+    half_widths,
+    kept_half_widths,
+    places,
+    starting_half_widths,
+)
 from ppmc.solver.kernel_shape import (
     aspect_ratio,
     follow_lattice,
@@ -152,8 +159,8 @@ def one_particle(normals, gaps, velocities=None) -> Contacts:
     m = len(normals)
     shape = (1, 3)
     contacts = Contacts(
-        tool=np.full(shape, -1, np.int32), normal=np.zeros((1, 3, 3)), half_width=np.zeros(shape),
-        gap=np.full(shape, np.inf), wall_velocity=np.zeros((1, 3, 3)),
+        rows=np.zeros(1, np.int64), tool=np.full(shape, -1, np.int32), normal=np.zeros((1, 3, 3)),
+        half_width=np.zeros(shape), gap=np.full(shape, np.inf), wall_velocity=np.zeros((1, 3, 3)),
         active=np.zeros(shape, bool),
     )  # fmt: skip
     contacts.tool[0, :m] = np.arange(m)
@@ -233,11 +240,18 @@ def test_conjugate_gradient_meets_its_tolerance():
 
 
 def test_block_inverse_on_the_free_directions():
-    blocks = np.eye(3)[None] * 2.0 + 0.3
-    free = np.diag([1.0, 1.0, 0.0])[None]
-    inverse = restricted_inverse(blocks, free)[0]
-    np.testing.assert_allclose(inverse[:2, :2], np.linalg.inv(blocks[0, :2, :2]), atol=1e-12)
-    np.testing.assert_allclose(inverse[2], 0.0, atol=1e-15)
+    blocks = np.array([[2.3, 2.4, 2.5, 0.3, 0.4, 0.5], [2e5, 2.4, 2.5, 300.0, 0.4, 200.0]])
+    drag, free = np.diag([0.0, 0.1, 0.2])[None], np.diag([1.0, 1.0, 0.0])[None]
+    inverse = full(restricted_inverse(blocks, np.array([0]), drag, free)).astype(float)
+    # To single precision, and no less than the exact one, which keeps it positive definite.
+    exact = np.pad(np.linalg.inv(full(blocks)[0, :2, :2] + drag[0, :2, :2]), (0, 1)), np.linalg.inv(full(blocks)[1])
+    for found, wanted in zip(inverse, exact, strict=True):
+        np.testing.assert_allclose(found, wanted, atol=1e-6 * np.trace(wanted))
+        assert np.linalg.eigvalsh(found - wanted).min() > 0.0
+
+
+def test_places_of_rows():
+    assert places(np.array([1, 4]), 6).tolist() == [-1, 0, -1, -1, 1, -1]
 
 
 def test_dot_is_the_inner_product():

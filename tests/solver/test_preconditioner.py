@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from ppmc.errors import NumericalError
-from ppmc.solver.block_jacobi import multiply_blocks, restricted_inverse
+from ppmc.solver.block_jacobi import multiply_rows, multiply_symmetric, restricted_inverse
 from ppmc.solver.coarse_grid import CoarseGrid, make_grid
 from ppmc.solver.conjugate_gradient import conjugate_gradient
 from ppmc.solver.operator import Operator
@@ -26,10 +26,35 @@ def hold_floor(positions: np.ndarray) -> np.ndarray:
 
 def stiff_grid(operator: Operator, free: np.ndarray, cell: float = 2.5) -> tuple[CoarseGrid, np.ndarray]:
     grid = make_grid(operator.positions, cell)
-    own = np.trace(operator.diagonal(), axis1=1, axis2=2) / 3.0
+    own = operator.diagonal()[:, :3].mean(axis=1)
     point = own[:, None, None] * (np.eye(3) - free)
-    grid.stiffen(operator.volumes, operator.shear, operator.bulk, operator.fibre, operator.directions, point)
+    rows = held_rows(free)
+    grid.stiffen(
+        operator.volumes, operator.shear, operator.bulk, operator.fibre, operator.directions, np.zeros(len(free)),
+        rows, point[rows],
+    )  # fmt: skip
     return grid, point
+
+
+def held_rows(free: np.ndarray) -> np.ndarray:
+    return np.flatnonzero(np.trace(free, axis1=1, axis2=2) < 3.0)
+
+
+def correction(grid: CoarseGrid, residual: np.ndarray) -> np.ndarray:
+    out = np.zeros_like(residual)
+    grid.add_correction(residual, out)
+    return out
+
+
+def make_system(operator: Operator, free: np.ndarray, grid: CoarseGrid | None = None) -> VelocitySystem:
+    """System without inertia or drag."""
+    rows, none = held_rows(free), np.zeros(len(free))
+    drag, free = np.zeros((len(rows), 3, 3)), free[rows]
+    blocks = operator.diagonal()
+    return VelocitySystem(
+        operator, none, rows, drag, free, restricted_inverse(blocks, rows, drag, free), grid,
+        free_rigid_modes(operator.positions, none, rows, free, drag, float(blocks[:, :3].mean())),
+    )  # fmt: skip
 
 
 def shape_functions(grid: CoarseGrid) -> tuple[np.ndarray, np.ndarray]:
@@ -102,13 +127,12 @@ def test_grid_solves_its_own_problem_exactly():
     shapes = np.kron(values, np.eye(3))
     stiffness = grid_stiffness(operator, grid, point)
     exact = shapes @ np.linalg.solve(stiffness, shapes.T)
-    everywhere = np.tile(np.eye(3), (len(positions), 1, 1))
-    found = as_matrix(lambda r: grid.correct(r, everywhere), len(positions))
+    found = as_matrix(lambda r: correction(grid, r), len(positions))
     np.testing.assert_allclose(found, exact, atol=1e-6 * abs(exact).max())
     # A load that a motion of the grid causes gives that motion back.
     motion = np.random.default_rng(3).normal(size=3 * values.shape[1])
     load = np.linalg.lstsq(shapes.T, stiffness @ motion, rcond=None)[0].reshape(-1, 3)
-    np.testing.assert_allclose(grid.correct(load, everywhere).ravel(), shapes @ motion, atol=1e-6)
+    np.testing.assert_allclose(correction(grid, load).ravel(), shapes @ motion, atol=1e-6)
 
 
 def test_affine_motions_cost_the_grid_what_they_cost_the_operator():
@@ -129,16 +153,8 @@ def test_preconditioner_is_symmetric_and_positive_definite():
     n = len(positions)
     operator = make_operator(positions, unit_vectors(n), ratio=1e4)
     free = hold_floor(positions)
-    grid, _ = stiff_grid(operator, free)
-    inverse = restricted_inverse(operator.diagonal(), free)
-
-    def precondition(r: np.ndarray) -> np.ndarray:
-        return multiply_blocks(inverse, r) + grid.correct(r, free)
-
-    def projected(r: np.ndarray) -> np.ndarray:
-        return precondition(multiply_blocks(free, r))
-
-    matrix = as_matrix(projected, n)
+    system = make_system(operator, free, stiff_grid(operator, free)[0])
+    matrix = as_matrix(lambda r: system.precondition(system.project(r)), n)
     np.testing.assert_allclose(matrix, matrix.T, atol=1e-10 * abs(matrix).max())
     values = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
     held = 3 * n - round(np.trace(free, axis1=1, axis2=2).sum())
@@ -156,7 +172,8 @@ def test_grid_is_equal_to_the_bit_for_any_thread_count():
         numba.set_num_threads(threads)
         free = hold_floor(positions)
         grid, _ = stiff_grid(operator, free)
-        results.append((grid.correct(load, free), operator.apply(load)))
+        system = make_system(operator, free, grid)
+        results.append((system.precondition(system.project(load)), system.apply(load)))
     numba.set_num_threads(before)
     np.testing.assert_array_equal(results[0][0], results[1][0])
     np.testing.assert_array_equal(results[0][1], results[1][1])
@@ -174,31 +191,21 @@ def test_grid_saves_most_iterations():
     plates = (positions[:, 2] < 1.0) | (positions[:, 2] > 3.0)
     free[plates, 2, 2] = 0.0
     start[positions[:, 2] > 3.0, 2] = -1.0
-    inverse = restricted_inverse(operator.diagonal(), free)
-    grid, _ = stiff_grid(operator, free, 3.0)
+    # Between slip plates the block may slide and turn as it likes; the system keeps these motions out, or their
+    # round-off would decide the number of iterations.
+    system = make_system(operator, free, stiff_grid(operator, free, 3.0)[0])
+    assert system.rigid is not None and system.rigid.motions.shape == (6, 3)
 
     def solve(precondition, tolerance: float) -> tuple[np.ndarray, int]:
         solution = conjugate_gradient(
-            operator.apply, lambda v: multiply_blocks(free, v), precondition, np.zeros((n, 3)), start,
+            operator.apply, system.project, precondition, np.zeros((n, 3)), start,
             tolerance=tolerance, max_iterations=2000,
         )  # fmt: skip
         return solution.velocities, solution.iterations
 
-    # Between slip plates the block may slide and turn as it likes; as in the solver, these motions are kept out, or
-    # their round-off decides the number of iterations.
-    slide = np.zeros((n, 3, 3))
-    slide[:, 0, 0] = slide[:, 1, 1] = 1.0
-    slide[:, 0, 2], slide[:, 1, 2] = -positions[:, 1], positions[:, 0]
-    rigid = np.linalg.qr(slide.reshape(3 * n, 3))[0]
-    system = VelocitySystem(
-        operator, np.zeros((n, 1)), np.zeros((n, 3, 3)), free, inverse, grid, rigid.reshape(n, 3, 3)
-    )
-
-    plain, many = solve(lambda r: multiply_blocks(inverse, r), 1e-6)
+    plain, many = solve(lambda r: multiply_rows(system.rows, system.free, multiply_symmetric(system.inverse, r)), 1e-6)
     quick, few = solve(system.precondition, 1e-6)
-    difference = (quick - plain).ravel()
-    difference -= rigid @ (rigid.T @ difference)
-    np.testing.assert_allclose(difference, 0.0, atol=1e-3)
+    np.testing.assert_allclose(system.rigid.remove(quick - plain), 0.0, atol=1e-3)
     assert few < 0.35 * many
 
 
@@ -210,15 +217,21 @@ def test_free_rigid_modes_between_slip_plates(held, count):
     for axis in held:
         at = positions[:, axis]
         free[(at < 1.0) | (at > at.max() - 1.0), axis, axis] = 0.0
-    modes = free_rigid_modes(positions, free, hold, np.ones(n))
-    flat = modes.reshape(3 * n, count)
-    np.testing.assert_allclose(flat.T @ flat, np.eye(count), atol=1e-9)
-    np.testing.assert_allclose((np.eye(3) - free) @ modes, 0.0, atol=1e-5)
+    everyone, none = np.arange(n), np.zeros(n)
+    modes = free_rigid_modes(positions, none, everyone, free, hold, 1.0)
+    projection = np.eye(3 * n) - as_matrix(lambda v: modes.remove(v.copy()), n)
+    np.testing.assert_allclose(projection, projection.T, atol=1e-12)
+    np.testing.assert_allclose(projection @ projection, projection, atol=1e-9)
+    assert np.trace(projection) == pytest.approx(count, abs=1e-9)
+    # Each is rigid, and no tool is in its way.
+    motions = projection.reshape(n, 3, 3 * n)
+    np.testing.assert_allclose((np.eye(3) - free) @ motions, 0.0, atol=1e-5)
     operator = make_operator(positions, unit_vectors(n))
     stiffness = np.abs(operator.diagonal()).max()
-    for k in range(count):
-        assert np.abs(operator.apply(np.ascontiguousarray(modes[..., k]))).max() < 1e-9 * stiffness
-    assert free_rigid_modes(positions, free, hold + np.eye(3), np.ones(n)).shape[2] == 0
+    for k in range(0, 3 * n, 7):
+        assert np.abs(operator.apply(np.ascontiguousarray(motions[..., k]))).max() < 1e-9 * stiffness
+    assert free_rigid_modes(positions, none, everyone, free, hold + np.eye(3), 1.0).motions.shape[1] == 0
+    assert free_rigid_modes(positions, none + 1.0, everyone, free, hold, 1.0).motions.shape[1] == 0
 
 
 def test_grid_refuses_lost_particles():
