@@ -98,8 +98,7 @@ class ImplicitIntegrator:
         self.state = state
         self.neighbours: NeighbourList | None = None
         self.list_shape = np.empty((0, 6))
-        self.listed_shape: np.ndarray | None = None
-        self.measured = np.empty((0, 6)), np.empty((0, 6)), 1.0
+        self.measured: tuple[np.ndarray, np.ndarray | None, float] | None = None
 
     @property
     def affine(self) -> bool:
@@ -112,34 +111,33 @@ class ImplicitIntegrator:
         if (
             self.neighbours is not None
             and not force
-            and (not self.affine or self.listed_shape is state.kernel_shape)
+            and (not self.affine or self.list_shape is state.kernel_shape)
             and not list_is_stale(self.neighbours, state.position)
         ):
             return
         cutoff = SUPPORT * h * (1.0 + SKIN)
         state.reorder(cell_order(state.position, cutoff))
-        self.listed_shape, self.list_shape = state.kernel_shape, state.kernel_shape.copy()
-        self.rebuild_list(state.position, self.metric() if self.affine else None)
+        self.list_shape = state.kernel_shape
+        self.rebuild_list(state.position)
 
-    def rebuild_list(self, positions: np.ndarray, measured: tuple[np.ndarray, float] | None = None) -> None:
+    def rebuild_list(self, positions: np.ndarray) -> None:
         """List neighbours at given positions (those of the last rebuild, when a run is resumed)."""
-        support = SUPPORT * self.model.smoothing_length
-        metric, longest = None, 1.0
-        if self.affine:
-            metric, longest = measured or inverse_shape(self.list_shape)
-        self.neighbours = build_list(positions, support * (1.0 + SKIN), 0.5 * support * SKIN, metric, longest)
+        support, last = SUPPORT * self.model.smoothing_length, self.neighbours
+        metric, longest = self.metric(self.list_shape) if self.affine else (None, 1.0)
+        self.neighbours = None
+        self.neighbours = build_list(positions, support * (1.0 + SKIN), 0.5 * support * SKIN, metric, longest, last)
 
     def weigh(self, positions: np.ndarray) -> Pairs:
-        """Weighted pairs at positions near the current ones."""
+        """Weighted pairs at positions near the current ones; they end those that were weighed before."""
         assert self.neighbours is not None
-        metric = self.metric()[0] if self.affine else None
+        metric = self.metric(self.state.kernel_shape)[0] if self.affine else None
         return weigh_pairs(self.neighbours, positions, self.model.smoothing_length, metric)
 
-    def metric(self) -> tuple[np.ndarray, float]:
-        """Inverse shape tensors of the kernels, shape (n, 6), and the longest axis of all; once for each shape."""
-        shape = self.state.kernel_shape
-        if self.measured[0] is not shape:
-            self.measured = shape, *inverse_shape(shape)
+    def metric(self, shape: np.ndarray) -> tuple[np.ndarray | None, float]:
+        """Inverse shape tensors, shape (n, 6), of kernels, None for spheres, and the longest axis; once a shape."""
+        if self.measured is None or self.measured[0] is not shape:
+            inverse, longest = inverse_shape(shape)
+            self.measured = shape, None if longest == 1.0 else inverse, longest
         return self.measured[1:]
 
     def initialise(self, time: float, time_step: float) -> StepReport:
@@ -197,13 +195,13 @@ class ImplicitIntegrator:
         state.wall_layers = contacts.wall_layers(len(state))
         operator = self.operator(0.5 * dt if update else 0.0, time, dt)
         report = StepReport(time_step=dt)
+        self.measured = None  # not needed while the solve holds most
         solution = self._active_set(operator, contacts, dt, report)
         self._account(operator, contacts, solution, dt, report)
         self.remember(contacts)
         model.walls.forced.adjust(report.tool_force, started=update)
         # What the solve held makes room for what the end of the step needs.
         velocities = solution.velocities
-        self._reuse(operator.pairs)
         del operator, contacts, solution
         if update:
             model.walls.forced.advance(pushed, dt)
@@ -310,8 +308,8 @@ class ImplicitIntegrator:
         resisted = operator.apply(v)
         total = float(np.sum(v * resisted))
         gradient = velocity_gradient(operator.pairs, operator.positions, operator.volumes, operator.inverse, v)
-        rate = 0.5 * (gradient + np.swapaxes(gradient, -1, -2))
-        power = material_power(operator, rate)
+        power, swelling = material_power(operator, gradient), np.einsum("nii->n", gradient)
+        del resisted, gradient
         physical = float(np.sum(operator.volumes * power))
         report.dissipation = total
         report.zero_energy_share = max(0.0, 1.0 - physical / total) if total > 0.0 else 0.0
@@ -319,7 +317,7 @@ class ImplicitIntegrator:
         slide = v[contacts.rows, None, :] - contacts.wall_velocity
         faces = self._friction(contacts, operator)
         drag = -np.einsum("nkab,nkb->nka", faces, slide) if len(faces) else np.zeros_like(slide)
-        body = self._body_power(power, np.einsum("nii->n", rate), v, dt) + total - physical
+        body = self._body_power(power, swelling, v, dt) + total - physical
         forces *= power_scale(contacts, forces, drag, slide, body)
         self.add_tool_loads(contacts, forces + drag, operator.positions[contacts.rows], report)
         report.contacts = int(contacts.active.any(axis=1).sum())
@@ -359,13 +357,7 @@ class ImplicitIntegrator:
         # Half-widths of a wall layer that differ by the noise of single gradients would carve the charge.
         around = mean_around(pairs, gradient, state.wall_layers > 0, pair_weight(0.0, self.model.smoothing_length))
         loose = rearrangement_rate(pairs, state.position, state.volume, velocities, gradient)
-        self._reuse(pairs)
         return gradient, around, loose
-
-    def _reuse(self, pairs: Pairs) -> None:
-        """Let the next weights take the room of `pairs`, which nothing needs any more."""
-        assert self.neighbours is not None
-        self.neighbours.spare = pairs
 
     def remember(self, contacts: Contacts) -> None:
         """Put the faces touched into the state, where the next search finds them again."""
@@ -405,7 +397,8 @@ class ImplicitIntegrator:
         """Packing of each particle, shape (n,)."""
         model = self.model
         return measured_packing(
-            self.state, model.walls, time, pairs, *self.metric(), model.smoothing_length, model.spacing,
+            self.state, model.walls, time, pairs, *self.metric(self.state.kernel_shape), model.smoothing_length,
+            model.spacing,
         )  # fmt: skip
 
     def set_reference(self, time: float) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 
 from ppmc.compile_cache import njit, prange
 from ppmc.solver.neighbours import Pairs
+from ppmc.solver.small_tensors import diagonalise
 
 MOST_ASPECT = 50.0  # of a lattice's axes
 # Share of the strain rate, by which neighbours may leave the affine motion and still count as a lattice; and how many
@@ -38,10 +39,9 @@ def limited(shape: np.ndarray, aspect_limit: float, fade: np.ndarray | float = 0
     -------
     ndarray, shape (n, 6)
     """
-    values, vectors = np.linalg.eigh(full(shape))
-    values = np.maximum(values, values[:, 2:] / aspect_limit**2) ** (1.0 - np.asarray(fade))[..., None]
-    values /= np.cbrt(np.prod(values, axis=1))[:, None]
-    return six(np.einsum("nab,nb,ncb->nac", vectors, values, vectors))
+    out = np.empty_like(shape)
+    _limited(shape, aspect_limit, np.broadcast_to(np.asarray(fade, dtype=np.float64), len(shape)), out)
+    return out
 
 
 def rearrangement_rate(
@@ -82,7 +82,9 @@ def follow_lattice(
         Rearrangement and strain rate times the step.
     """
     fade = 1.0 - np.exp(-FADING * np.maximum(rearrangement - LATTICE_NOISE * strain, 0.0))
-    return limited(six(increment @ full(lattice) @ np.swapaxes(increment, -1, -2)), MOST_ASPECT, fade)
+    carried = np.empty_like(lattice)
+    _carry(lattice, increment, carried)
+    return limited(carried, MOST_ASPECT, fade)
 
 
 def smoothness(flow_residual: np.ndarray) -> np.ndarray:
@@ -109,16 +111,11 @@ def inverse_shape(shape: np.ndarray) -> tuple[np.ndarray, float]:
     return inverse, float(np.sqrt(longest.max(initial=1.0)))
 
 
-def root_shape(shape: np.ndarray) -> np.ndarray:
-    """Symmetric square roots of shape tensors (n, 6), shape (n, 3, 3): they carry the unit sphere to the ellipsoid."""
-    values, vectors = np.linalg.eigh(full(shape))
-    return np.einsum("nab,nb,ncb->nac", vectors, np.sqrt(values), vectors)
-
-
 def aspect_ratio(shape: np.ndarray) -> np.ndarray:
     """Ratio of the longest to the shortest axis, shape (n,)."""
-    values = np.linalg.eigvalsh(full(shape))
-    return np.sqrt(values[:, 2] / values[:, 0])
+    out = np.empty(len(shape))
+    _aspect_ratio(shape, out)
+    return out
 
 
 def full(six_components: np.ndarray) -> np.ndarray:
@@ -130,6 +127,67 @@ def six(tensors: np.ndarray) -> np.ndarray:
     """Components XX, YY, ZZ, XY, YZ, XZ (n, 6) of symmetric tensors (n, 3, 3)."""
     flat = tensors.reshape(-1, 9)
     return np.ascontiguousarray(flat[:, [0, 4, 8, 1, 5, 2]])
+
+
+@njit(cache=True)
+def _axes(shape, t, vectors):
+    """Eigenvalues of C (6,) on the diagonal of `t`, and its axes."""
+    t[0, 0], t[1, 1], t[2, 2] = shape[0], shape[1], shape[2]
+    t[0, 1] = t[1, 0] = shape[3]
+    t[1, 2] = t[2, 1] = shape[4]
+    t[0, 2] = t[2, 0] = shape[5]
+    diagonalise(t, vectors)
+
+
+@njit(cache=True)
+def root_shape(shape, t, vectors, out):
+    """Symmetric square root (3, 3) of a shape tensor (6,): it carries the unit sphere to the ellipsoid.
+
+    `t` and `vectors`, (3, 3), are overwritten.
+    """
+    _axes(shape, t, vectors)
+    for a in range(3):
+        for b in range(3):
+            out[a, b] = 0.0
+            for k in range(3):
+                out[a, b] += vectors[a, k] * np.sqrt(t[k, k]) * vectors[b, k]
+
+
+@njit(cache=True, parallel=True)
+def _limited(shape, aspect_limit, fade, out):
+    for i in prange(shape.shape[0]):
+        t, v, values = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+        _axes(shape[i], t, v)
+        least, product = max(t[0, 0], t[1, 1], t[2, 2]) / aspect_limit**2, 1.0
+        for k in range(3):
+            values[k] = max(t[k, k], least) ** (1.0 - fade[i])
+            product *= values[k]
+        for k in range(3):
+            values[k] /= np.cbrt(product)
+        for c in range(6):
+            a, b = (c, c) if c < 3 else (0, 1) if c == 3 else (1, 2) if c == 4 else (0, 2)
+            out[i, c] = v[a, 0] * values[0] * v[b, 0] + v[a, 1] * values[1] * v[b, 1] + v[a, 2] * values[2] * v[b, 2]
+
+
+@njit(cache=True, parallel=True)
+def _carry(lattice, increment, out):
+    for i in prange(lattice.shape[0]):
+        m, s, half = increment[i], lattice[i], np.empty((3, 3))
+        for a in range(3):
+            half[a, 0] = m[a, 0] * s[0] + m[a, 1] * s[3] + m[a, 2] * s[5]
+            half[a, 1] = m[a, 0] * s[3] + m[a, 1] * s[1] + m[a, 2] * s[4]
+            half[a, 2] = m[a, 0] * s[5] + m[a, 1] * s[4] + m[a, 2] * s[2]
+        for c in range(6):
+            a, b = (c, c) if c < 3 else (0, 1) if c == 3 else (1, 2) if c == 4 else (0, 2)
+            out[i, c] = half[a, 0] * m[b, 0] + half[a, 1] * m[b, 1] + half[a, 2] * m[b, 2]
+
+
+@njit(cache=True, parallel=True)
+def _aspect_ratio(shape, out):
+    for i in prange(shape.shape[0]):
+        t, v = np.empty((3, 3)), np.empty((3, 3))
+        _axes(shape[i], t, v)
+        out[i] = np.sqrt(max(t[0, 0], t[1, 1], t[2, 2]) / min(t[0, 0], t[1, 1], t[2, 2]))
 
 
 @njit(cache=True, parallel=True)

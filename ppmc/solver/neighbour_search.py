@@ -13,10 +13,11 @@ from ppmc.compile_cache import njit, prange
 from ppmc.solver.cells import Cells
 
 CHUNK = 64  # particles that share their buffers
+SPARE = 50  # of an array's length, added in case a later list is longer
 
 
 def find_neighbours(
-    cells: Cells, radius: float, cutoff: float, inverse_shape: np.ndarray
+    cells: Cells, radius: float, cutoff: float, inverse_shape: np.ndarray, room: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Rows of all particles nearer than `cutoff`.
 
@@ -29,6 +30,8 @@ def find_neighbours(
         mm, in the metric.
     inverse_shape : ndarray, shape (n, 6), or (0, 6) for spheres
         Metric of each particle; that of a pair is the mean of both.
+    room : ndarray, optional
+        An index that nobody needs any more, to be overwritten.
 
     Returns
     -------
@@ -43,9 +46,21 @@ def find_neighbours(
     counts, start = np.empty(n, dtype=np.int64), np.zeros(n + 1, dtype=np.int64)
     _list(*arguments, False, start, np.empty(0, dtype=np.int32), counts)
     np.cumsum(counts, out=start[1:])
-    index = np.empty(start[-1], dtype=np.int32)
+    index = room_for(int(start[-1]), np.int32, room)
     _list(*arguments, True, start, index, counts)
     return start, index
+
+
+def room_for(count: int, dtype: type, last: np.ndarray | None) -> np.ndarray:
+    """Return `count` values, not set, in the room of an array made here before if it has enough.
+
+    Lists are most of what a run holds, and fresh memory costs as much time as filling it; a little is added so that
+    the next list may be longer.
+    """
+    room = None if last is None else last.base
+    if not isinstance(room, np.ndarray) or len(room) < count:
+        room = np.empty(count + count // SPARE, dtype=dtype)
+    return room[:count]
 
 
 def _along(metric: np.ndarray, axes: np.ndarray) -> np.ndarray:

@@ -5,7 +5,10 @@ visited in one order, particles inside a cell ascend. All later sums gather over
 for any thread count.
 
 Rows of :class:`NeighbourList` hold candidates within the cutoff; :class:`Pairs` holds, for one set of positions,
-those with a weight, compacted into the same row slots, so that the operator never tests a distance.
+those with a weight, so that the operator never tests a distance. Both share their arrays, which are most of what a run
+holds: a row's candidates with a weight come first, the others behind them, each part in the order of the list. Where
+one of the others belongs in that order is written where its weight would be. A row is divided anew only when a
+candidate has come within reach or left it, which few do from step to step.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -16,9 +19,10 @@ import numpy as np
 
 from ppmc.compile_cache import njit, prange
 from ppmc.solver.cells import sort_into_cells
-from ppmc.solver.neighbour_search import find_neighbours
+from ppmc.solver.neighbour_search import find_neighbours, room_for
 from ppmc.solver.smoothing import SUPPORT, pair_weight
 
+CHUNK = 64  # rows that share their buffers
 ROWS_A_BLOCK, MOST_BLOCKS = 256, 64
 WINDOWS = 6  # windows of all blocks together, in particles
 _NO_METRIC = np.empty((0, 6))
@@ -48,14 +52,14 @@ class Blocks:
 
 @dataclass
 class Pairs:
-    """Weighted pairs at one set of positions.
+    """Weighted pairs at one set of positions, valid until their list is weighed again.
 
     Attributes
     ----------
     start : ndarray, shape (n + 1,), int64
         First slot of each row.
     count : ndarray, shape (n,), int32
-        Number of neighbours with a positive weight.
+        Number of neighbours with a positive weight: the first of each row.
     index : ndarray, shape (slots,), int32
     weight : ndarray, shape (slots,), float32
         Pair weight omega_ij, 1/mm^5; symmetric to the last bit. Moments, gradients and forces that share their weights
@@ -84,24 +88,29 @@ class NeighbourList:
     ----------
     start : ndarray, shape (n + 1,), int64
         First slot of each row in `index`.
-    index : ndarray, shape (pairs,), int32
-        Candidate particle numbers.
+    index : ndarray, shape (slots,), int32
+        Candidate particle numbers, those that had a weight when last weighed first.
+    count : ndarray, shape (n,), int32
+        How many these are; all candidates of a list that hasn't been weighed.
+    weight : ndarray, shape (slots,), float32
+        Their weights, then the places of the others in the row as it was listed.
+    longest : int
+        Most candidates in a row.
     positions : ndarray, shape (n, 3)
         Positions the list was made from, mm; the list is valid until a particle has moved by half the skin.
     slack : float
         Distance, mm, that a particle may move from `positions` before the list must be rebuilt.
     blocks : Blocks
-    spare : Pairs, optional
-        Pairs of this list that nobody needs any more; the next ones take their arrays. Weights are most of what a run
-        holds, and freshly allocated ones cost as much time as filling them.
     """
 
     start: np.ndarray
     index: np.ndarray
+    count: np.ndarray
+    weight: np.ndarray
+    longest: int
     positions: np.ndarray
     slack: float
     blocks: Blocks
-    spare: Pairs | None = None
 
 
 def cell_order(positions: np.ndarray, cutoff: float) -> np.ndarray:
@@ -127,8 +136,9 @@ def cell_order(positions: np.ndarray, cutoff: float) -> np.ndarray:
 
 
 def build_list(
-    positions: np.ndarray, cutoff: float, slack: float, inverse_shape: np.ndarray | None = None, reach: float = 1.0
-) -> NeighbourList:
+    positions: np.ndarray, cutoff: float, slack: float, inverse_shape: np.ndarray | None = None, reach: float = 1.0,
+    last: NeighbourList | None = None,
+) -> NeighbourList:  # fmt: skip
     """List all particles within `cutoff` (mm) of each particle, itself left out.
 
     Parameters
@@ -143,6 +153,8 @@ def build_list(
         Metric of the distance, as in :func:`weigh_pairs`.
     reach : float
         Largest axis of the shapes, by which the cells must be larger than `cutoff`.
+    last : NeighbourList, optional
+        A list that nobody needs any more; the new one takes its arrays if they are large enough.
 
     Returns
     -------
@@ -150,8 +162,14 @@ def build_list(
     """
     metric = _NO_METRIC if inverse_shape is None else inverse_shape
     radius = cutoff * reach
-    start, index = find_neighbours(sort_into_cells(positions, radius), radius, cutoff, metric)
-    return NeighbourList(start, index, positions.copy(), slack, _blocks(start, index))
+    cells = sort_into_cells(positions, radius)
+    start, index = find_neighbours(cells, radius, cutoff, metric, None if last is None else last.index)
+    del cells
+    weight = room_for(len(index), np.float32, None if last is None else last.weight)
+    count = np.empty(len(positions), dtype=np.int32)
+    np.subtract(start[1:], start[:-1], out=count, casting="unsafe")
+    longest = int(count.max(initial=0))
+    return NeighbourList(start, index, count, weight, longest, positions.copy(), slack, _blocks(start, index))
 
 
 def list_is_stale(neighbours: NeighbourList, positions: np.ndarray) -> bool:
@@ -163,7 +181,7 @@ def list_is_stale(neighbours: NeighbourList, positions: np.ndarray) -> bool:
 def weigh_pairs(
     neighbours: NeighbourList, positions: np.ndarray, smoothing_length: float, inverse_shape: np.ndarray | None = None
 ) -> Pairs:
-    """Weights of all pairs at `positions`.
+    """Weights of all pairs at `positions`; they take the place of those that the list had before.
 
     Parameters
     ----------
@@ -180,15 +198,10 @@ def weigh_pairs(
     -------
     Pairs
     """
-    if neighbours.spare is not None:
-        count, index, weight = neighbours.spare.count, neighbours.spare.index, neighbours.spare.weight
-        neighbours.spare = None
-    else:
-        count = np.empty(len(positions), dtype=np.int32)
-        index, weight = np.empty_like(neighbours.index), np.empty(len(neighbours.index), dtype=np.float32)
     metric = _NO_METRIC if inverse_shape is None else inverse_shape
-    _weigh(neighbours.start, neighbours.index, positions, metric, smoothing_length, count, index, weight)
-    return Pairs(neighbours.start, count, index, weight, neighbours.blocks)
+    start, count, index, weight = neighbours.start, neighbours.count, neighbours.index, neighbours.weight
+    _weigh(start, positions, metric, smoothing_length, neighbours.longest, count, index, weight)
+    return Pairs(start, count, index, weight, neighbours.blocks)
 
 
 def _blocks(start: np.ndarray, index: np.ndarray) -> Blocks:
@@ -217,46 +230,44 @@ def _reach(start, index, rows, low, end):
 
 
 @njit(cache=True, parallel=True)
-def _weigh(start, candidates, x, g, h, count, index, weight):
-    half2 = 0.5 * (SUPPORT * h) ** 2
-    for i in prange(x.shape[0]):
-        row = candidates[start[i] : start[i + 1]]
-        names, weights = index[start[i] : start[i + 1]], weight[start[i] : start[i + 1]]
-        spheres = g.shape[0] == 0
-        m = (
-            _within(x, i, row, half2, names, weights)
-            if spheres
-            else _within_metric(x, g, i, row, half2, names, weights)
-        )
-        for s in range(m):
-            weights[s] = pair_weight(weights[s], h)
-        count[i] = m
-
-
-# Both write every candidate, and overwrite it with the next one if it was out of reach: loops without branches flow.
-# One comparison leaves out what lies at the edge or beyond and what lies at the same point, which has no direction.
+def _weigh(start, x, g, h, longest, count, index, weight):
+    n, half2, spheres = x.shape[0], 0.5 * (SUPPORT * h) ** 2, g.shape[0] == 0
+    for chunk in prange((n + CHUNK - 1) // CHUNK):
+        row, others, places = (
+            np.empty(longest, dtype=np.int32), np.empty(longest, dtype=np.int32), np.empty(longest, dtype=np.int32),
+        )  # fmt: skip
+        distance2, listed2 = np.empty(longest), np.empty(longest)
+        for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
+            names, weights, m = index[start[i] : start[i + 1]], weight[start[i] : start[i + 1]], count[i]
+            if spheres:
+                _distances(x, i, names, distance2)
+            else:
+                _metric_distances(x, g, i, names, distance2)
+            if not _is_divided(distance2, half2, m, len(names)):
+                _list_again(names, weights, distance2, m, row, listed2)
+                m = _divide(row, listed2, half2, names, weights, distance2, others, places)
+                count[i] = m
+            for s in range(m):
+                weights[s] = pair_weight(np.float32(distance2[s]), h)
 
 
 @njit(cache=True)
-def _within(x, i, row, half2, names, distance2):
-    x0, x1, x2, m = x[i, 0], x[i, 1], x[i, 2], 0
-    for s in range(row.shape[0]):
-        j = np.uint32(row[s])
+def _distances(x, i, names, distance2):
+    x0, x1, x2 = x[i, 0], x[i, 1], x[i, 2]
+    for s in range(names.shape[0]):
+        j = np.uint32(names[s])
         d0, d1, d2 = x[j, 0] - x0, x[j, 1] - x1, x[j, 2] - x2
-        r2 = d0 * d0 + d1 * d1 + d2 * d2
-        names[m], distance2[m] = j, r2
-        m += 1 if abs(r2 - half2) < half2 else 0
-    return m
+        distance2[s] = d0 * d0 + d1 * d1 + d2 * d2
 
 
 @njit(cache=True)
-def _within_metric(x, g, i, row, half2, names, distance2):
-    x0, x1, x2, m = x[i, 0], x[i, 1], x[i, 2], 0
+def _metric_distances(x, g, i, names, distance2):
+    x0, x1, x2 = x[i, 0], x[i, 1], x[i, 2]
     g0, g1, g2, g3, g4, g5 = g[i, 0], g[i, 1], g[i, 2], g[i, 3], g[i, 4], g[i, 5]
-    for s in range(row.shape[0]):
-        j = np.uint32(row[s])
+    for s in range(names.shape[0]):
+        j = np.uint32(names[s])
         d0, d1, d2 = x[j, 0] - x0, x[j, 1] - x1, x[j, 2] - x2
-        r2 = (
+        distance2[s] = (
             0.5 * (g0 + g[j, 0]) * d0 * d0
             + 0.5 * (g1 + g[j, 1]) * d1 * d1
             + 0.5 * (g2 + g[j, 2]) * d2 * d2
@@ -264,6 +275,46 @@ def _within_metric(x, g, i, row, half2, names, distance2):
             + (g4 + g[j, 4]) * d1 * d2
             + (g5 + g[j, 5]) * d0 * d2
         )
-        names[m], distance2[m] = j, r2
-        m += 1 if abs(r2 - half2) < half2 else 0
-    return m
+
+
+# One comparison leaves out what lies at the edge or beyond and what lies at the same point, which has no direction.
+
+
+@njit(cache=True)
+def _is_divided(distance2, half2, m, length):
+    """Whether the first `m` candidates of a row, and only they, are within reach."""
+    wrong = 0
+    for s in range(m):
+        wrong += 0 if abs(distance2[s] - half2) < half2 else 1
+    for s in range(m, length):
+        wrong += 1 if abs(distance2[s] - half2) < half2 else 0
+    return wrong == 0
+
+
+@njit(cache=True)
+def _list_again(names, weights, distance2, m, row, listed2):
+    """Write a divided row as it was listed."""
+    inner, other = 0, m
+    for s in range(names.shape[0]):
+        if other < names.shape[0] and weights[other] == s:
+            row[s], listed2[s] = names[other], distance2[other]
+            other += 1
+        else:
+            row[s], listed2[s] = names[inner], distance2[inner]
+            inner += 1
+
+
+@njit(cache=True)
+def _divide(row, listed2, half2, names, weights, distance2, others, places):
+    """Write those within reach first, the others and their places behind them; return how many are within reach."""
+    # Every candidate is written to both, and overwritten where it did not belong: a loop without branches flows.
+    inner, other = 0, 0
+    for s in range(names.shape[0]):
+        names[inner], distance2[inner] = row[s], listed2[s]
+        others[other], places[other] = row[s], s
+        within = 1 if abs(listed2[s] - half2) < half2 else 0
+        inner += within
+        other += 1 - within
+    for s in range(other):
+        names[inner + s], weights[inner + s] = others[s], places[s]
+    return inner

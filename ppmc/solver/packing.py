@@ -18,6 +18,7 @@ import functools
 import numpy as np
 
 from ppmc.compile_cache import njit, prange
+from ppmc.solver.contact import places
 from ppmc.solver.kernel_shape import root_shape
 from ppmc.solver.neighbours import Pairs
 from ppmc.solver.smoothing import SUPPORT, kernel_value, pair_weight
@@ -29,7 +30,7 @@ INTERIOR = 0.93  # packing above which a particle lies inside the material
 
 def packing(
     pairs: Pairs, positions: np.ndarray, volumes: np.ndarray, shape: np.ndarray, inverse_shape: np.ndarray,
-    smoothing_length: float, spacing: np.ndarray, wall_distance: np.ndarray, wall_normal: np.ndarray,
+    smoothing_length: float, spacing: np.ndarray, walls: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> np.ndarray:  # fmt: skip
     """Packing of each particle, shape (n,).
 
@@ -46,16 +47,15 @@ def packing(
         mm.
     spacing : ndarray, shape (n,)
         Present spacing of a lattice of such cells, the cube root of the current volume, mm.
-    wall_distance : ndarray, shape (n, 3)
-        Distance of the wall faces within the kernel's support, mm, infinite for none.
-    wall_normal : ndarray, shape (n, 3, 3)
-        Their unit normals, into the material.
+    walls : tuple of ndarray
+        Numbers of the particles with wall faces within the kernel's support, shape (m,); distances of these, shape
+        (m, 3), mm, infinite for none; their unit normals, shape (m, 3, 3), into the material.
     """
     out = np.empty(len(positions))
+    rows, distance, normal = walls
     _packing(
-        pairs.start, pairs.count, pairs.index, positions, volumes, inverse_shape,
-        GAUSS * spacing[:, None, None] * root_shape(shape), GAUSS * spacing, smoothing_length, wall_distance,
-        wall_normal, out,
+        pairs.start, pairs.count, pairs.index, positions, volumes, shape, inverse_shape, GAUSS * spacing,
+        smoothing_length, places(rows, len(positions)), distance, normal, out,
     )  # fmt: skip
     return out / np.interp(smoothing_length / spacing, *_lattice_packings(float(np.median(smoothing_length / spacing))))
 
@@ -88,10 +88,20 @@ def _lattice_packing(number: int) -> float:
 
 
 @njit(cache=True, parallel=True)
-def _packing(start, count, index, x, volume, metric, step, half, h, distance, normal, out):
+def _packing(start, count, index, x, volume, shape, metric, half, h, place, distance, normal, out):
     for i in prange(x.shape[0]):
+        step, t, vectors, images = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((7, 2), np.int64)
+        root_shape(shape[i], t, vectors, step)
+        for a in range(3):
+            for b in range(3):
+                step[a, b] *= half[i]
+        near = place[i] if place[i] >= 0 else 0  # any: without images nothing of it is used
+        m = 1
+        images[0, 0] = images[0, 1] = -1
+        if place[i] >= 0:
+            m = _images(distance[near], normal[near], images)
         out[i] = _sum_at(
-            i, start[i], count[i], index, x, volume, metric[i], step[i], half[i], h, distance[i], normal[i]
+            i, start[i], count[i], index, x, volume, metric[i], step, half[i], h, images[:m], distance, normal, near
         )  # fmt: skip
 
 
@@ -115,12 +125,10 @@ def _images(distance, normal, images):
 
 
 @njit(cache=True)
-def _sum_at(i, begin, neighbours, index, x, volume, g, step, half, h, distance, normal):
-    images = np.empty((7, 2), np.int64)
-    m = _images(distance, normal, images)
+def _sum_at(i, begin, neighbours, index, x, volume, g, step, half, h, images, distance, normal, near):
     total = 0.0
     reach = SUPPORT * h + np.sqrt(3.0) * half
-    for image in range(m):
+    for image in range(images.shape[0]):
         # The last turn stands for the particle itself.
         for s in range(neighbours + 1):
             j = np.int64(index[begin + s]) if s < neighbours else np.int64(i)
@@ -128,8 +136,8 @@ def _sum_at(i, begin, neighbours, index, x, volume, g, step, half, h, distance, 
             for side in range(2):
                 k = images[image, side]
                 if k >= 0:
-                    n0, n1, n2 = normal[k, 0], normal[k, 1], normal[k, 2]
-                    height = 2.0 * max(max(distance[k], 0.0) + d0 * n0 + d1 * n1 + d2 * n2, 0.0)
+                    n0, n1, n2 = normal[near, k, 0], normal[near, k, 1], normal[near, k, 2]
+                    height = 2.0 * max(max(distance[near, k], 0.0) + d0 * n0 + d1 * n1 + d2 * n2, 0.0)
                     d0 -= height * n0
                     d1 -= height * n1
                     d2 -= height * n2

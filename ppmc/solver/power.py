@@ -1,10 +1,12 @@
 """Power that the charge takes up, and what it says about the forces of the tools."""
 
+# mypy: disable-error-code="no-untyped-def"
+
 import numpy as np
 
+from ppmc.compile_cache import njit, prange
 from ppmc.solver.contact import Contacts
 from ppmc.solver.operator import Operator
-from ppmc.solver.viscosity import viscous_stress
 
 SCALES = (0.5, 2.0)  # bounds of the correction of reactions by their power
 LEAST_WORK = 0.1  # of the power that the charge takes up: below, reactions are left as they are
@@ -40,7 +42,31 @@ def power_scale(contacts: Contacts, reactions: np.ndarray, drag: np.ndarray, sli
     return float(np.clip((body + sliding) / pressing, *SCALES))
 
 
-def material_power(operator: Operator, rate: np.ndarray) -> np.ndarray:
-    """Power per volume of the material and its bulk stiffness, without zero-energy control; shape (n,)."""
-    stress = viscous_stress(rate, operator.shear, operator.fibre, operator.directions)
-    return np.einsum("nij,nij->n", rate, stress) + operator.bulk * np.einsum("nii->n", rate) ** 2
+def material_power(operator: Operator, gradient: np.ndarray) -> np.ndarray:
+    """Power per volume of the material and its bulk stiffness, without zero-energy control; shape (n,), Pa/s.
+
+    `gradient`, shape (n, 3, 3), are velocity gradients, 1/s. It is what
+    :func:`ppmc.solver.viscosity.viscous_stress` gives, without arrays in between.
+    """
+    out = np.empty(len(gradient))
+    _power(gradient, operator.shear, operator.bulk, operator.fibre, operator.directions, out)
+    return out
+
+
+@njit(cache=True, parallel=True)
+def _power(gradient, shear, bulk, fibre, p, out):
+    for i in prange(gradient.shape[0]):
+        g = gradient[i]
+        trace = g[0, 0] + g[1, 1] + g[2, 2]
+        squares = 0.0
+        for a in range(3):
+            for b in range(3):
+                d = 0.5 * (g[a, b] + g[b, a]) - (trace / 3.0 if a == b else 0.0)
+                squares += d * d
+        total = 2.0 * shear[i] * squares + bulk[i] * trace * trace
+        for k in range(p.shape[1]):
+            along = -trace / 3.0
+            for a in range(3):
+                along += p[i, k, a] * (g[a, 0] * p[i, k, 0] + g[a, 1] * p[i, k, 1] + g[a, 2] * p[i, k, 2])
+            total += fibre[i, k] * along * along
+        out[i] = total

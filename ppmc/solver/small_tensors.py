@@ -1,10 +1,12 @@
-"""Inverse of small symmetric matrices in kernels."""
+"""Inverse and eigenvectors of small symmetric matrices in kernels."""
 
 # mypy: disable-error-code="no-untyped-def"
 
 import math
 
 from ppmc.compile_cache import njit
+
+MOST_SWEEPS = 12  # of Jacobi rotations; four or five do
 
 
 @njit(cache=True)
@@ -18,6 +20,34 @@ def symmetric_eigenvalues(a, b, c, d, e, f):
     half_det = 0.5 * (aa * (bb * cc - ee * ee) - dd * (dd * cc - ee * ff) + ff * (dd * ee - bb * ff))
     angle = math.acos(min(1.0, max(-1.0, half_det))) / 3.0
     return mean + 2.0 * p * math.cos(angle + 2.0 * math.pi / 3.0), mean + 2.0 * p * math.cos(angle)
+
+
+@njit(cache=True)
+def diagonalise(t, vectors):
+    """Turn the symmetric 3x3 matrix `t` into a diagonal one by Jacobi rotations; columns of `vectors` are its axes."""
+    for a in range(3):
+        for b in range(3):
+            vectors[a, b] = 1.0 if a == b else 0.0
+    for _ in range(MOST_SWEEPS):
+        off = abs(t[0, 1]) + abs(t[1, 2]) + abs(t[0, 2])
+        if off <= 1e-300 + 1e-17 * (abs(t[0, 0]) + abs(t[1, 1]) + abs(t[2, 2])):
+            break
+        for turn in range(3):
+            a, b = (0, 1) if turn == 0 else (0, 2) if turn == 1 else (1, 2)
+            if t[a, b] == 0.0:
+                continue
+            half = 0.5 * (t[b, b] - t[a, a]) / t[a, b]
+            tangent = (1.0 if half >= 0.0 else -1.0) / (abs(half) + math.sqrt(half * half + 1.0))
+            cosine = 1.0 / math.sqrt(tangent * tangent + 1.0)
+            sine, c = tangent * cosine, 3 - a - b
+            t[a, a] -= tangent * t[a, b]
+            t[b, b] += tangent * t[a, b]
+            t[a, b] = t[b, a] = 0.0
+            t[a, c], t[b, c] = cosine * t[a, c] - sine * t[b, c], sine * t[a, c] + cosine * t[b, c]
+            t[c, a], t[c, b] = t[a, c], t[b, c]
+            for k in range(3):
+                va, vb = vectors[k, a], vectors[k, b]
+                vectors[k, a], vectors[k, b] = cosine * va - sine * vb, sine * va + cosine * vb
 
 
 @njit(cache=True)

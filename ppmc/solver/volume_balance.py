@@ -9,14 +9,12 @@ packing keeps its value and nothing is corrected; where nothing flows nothing is
 
 import numpy as np
 
-from ppmc.geometry.contacts import find_contacts
-from ppmc.solver.contact import FACES
 from ppmc.solver.kernel_shape import aspect_ratio
 from ppmc.solver.neighbours import Pairs
 from ppmc.solver.packing import INTERIOR, interior_mean, packing
 from ppmc.solver.smoothing import SUPPORT
 from ppmc.solver.state import ParticleState
-from ppmc.solver.tools import Walls
+from ppmc.solver.tools import Walls, faces_near
 
 DEAD_BAND = 0.004  # error of packing that is left alone: irregular charges read that differently as they deform
 MOST_WRONG = 0.1  # error of packing beyond which the pull grows no more
@@ -26,19 +24,20 @@ RESOLVED = 1.5
 
 
 def measured_packing(
-    state: ParticleState, walls: Walls, time: float, pairs: Pairs, inverse_shape: np.ndarray, longest: float,
+    state: ParticleState, walls: Walls, time: float, pairs: Pairs, inverse_shape: np.ndarray | None, longest: float,
     smoothing_length: float, spacing: float,
 ) -> np.ndarray:  # fmt: skip
     """Packing of each particle at its present place and volume, shape (n,).
 
-    Arguments are those of :func:`ppmc.solver.packing.packing`, and the longest axis of all kernels.
+    Arguments are those of :func:`ppmc.solver.packing.packing`, and the longest axis of all kernels; spheres have no
+    `inverse_shape`.
     """
     support = SUPPORT * smoothing_length * longest
-    _, _, distance, normal = find_contacts(walls.tools.arrays, walls.offsets(time), state.position, support)
+    rows, _, distance, normal = faces_near(walls.tools.arrays, walls.offsets(time), state.position, support)
     return packing(
-        pairs, state.position, state.volume * state.volume_ratio, state.kernel_shape, inverse_shape,
-        smoothing_length, spacing * np.cbrt(state.volume_ratio), np.ascontiguousarray(distance[:, :FACES]),
-        np.ascontiguousarray(normal[:, :FACES]),
+        pairs, state.position, state.volume * state.volume_ratio, state.kernel_shape,
+        state.kernel_shape if inverse_shape is None else inverse_shape,
+        smoothing_length, spacing * np.cbrt(state.volume_ratio), (rows, distance, normal),
     )  # fmt: skip
 
 

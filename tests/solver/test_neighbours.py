@@ -99,6 +99,41 @@ def test_rows_in_a_metric_equal_brute_force(longest):
     np.testing.assert_allclose(matrix, expected, atol=1e-7)
 
 
+@pytest.mark.parametrize("metric", [False, True])
+def test_rows_do_not_remember_where_they_were_weighed_before(metric):
+    # What is within reach changes back and forth; a run that is resumed has a new list and must get the same sums.
+    rng = np.random.default_rng(8)
+    x = CLOUDS["random box"]
+    x = x[cell_order(x, CUTOFF)]
+    shape = np.tile([1.1, 1.0, 1.0 / 1.1, 0.0, 0.0, 0.0], (len(x), 1))
+    inverse, reach = inverse_shape(shape) if metric else (None, 1.0)
+    neighbours, divided = build_list(x, CUTOFF, 0.13, inverse, reach), set()
+    for size in (0.0, 0.13, 0.01, 0.0, 0.1):
+        moved = x + size / np.sqrt(3.0) * rng.uniform(-1.0, 1.0, x.shape)
+        found = weigh_pairs(neighbours, moved, H, inverse)
+        fresh = weigh_pairs(build_list(x, CUTOFF, 0.13, inverse, reach), moved, H, inverse)
+        np.testing.assert_array_equal(found.count, fresh.count)
+        np.testing.assert_array_equal(found.index, fresh.index)
+        for i in range(len(x)):
+            np.testing.assert_array_equal(found.weight[row(found, i)], fresh.weight[row(fresh, i)])
+        divided.add(tuple(found.count))
+    assert len(divided) == 4  # size 0.0 twice
+
+
+def test_a_list_takes_the_room_of_the_last_one():
+    x = CLOUDS["random box"]
+    last = build_list(x, CUTOFF, 0.13)
+    weigh_pairs(last, x, H)
+    squeezed = x * (1.0 + 1e-3)
+    fresh = build_list(squeezed, CUTOFF, 0.13)
+    again = build_list(squeezed, CUTOFF, 0.13, last=last)
+    assert np.shares_memory(again.index, last.index) and np.shares_memory(again.weight, last.weight)
+    np.testing.assert_array_equal(again.index, fresh.index)
+    longer = build_list(0.8 * x, CUTOFF, 0.13, last=again)
+    assert not np.shares_memory(longer.index, again.index)
+    np.testing.assert_array_equal(longer.index, build_list(0.8 * x, CUTOFF, 0.13).index)
+
+
 def test_order_keeps_neighbours_close_along_the_longest_extent():
     x = random_cloud(4000, (40.0, 10.0, 10.0))
     for axis in range(3):

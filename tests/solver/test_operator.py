@@ -5,7 +5,8 @@ import pytest
 
 from ppmc.solver.gradient import velocity_gradient
 from ppmc.solver.kernel_shape import full
-from ppmc.solver.viscosity import viscous_stress
+from ppmc.solver.power import material_power
+from ppmc.solver.viscosity import dissipation, viscous_stress
 
 from .blocks import dense_matrix, lattice, make_operator, power_by_definition, unit_vectors
 
@@ -97,3 +98,11 @@ def test_diagonal_blocks(block):
         block = exact[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
         assert 0.7 < np.trace(blocks[i]) / np.trace(block) < 1.4
         assert np.linalg.eigvalsh(blocks[i]).min() > 0.0
+
+
+def test_material_power_is_stress_times_rate(block):
+    _, operator = block
+    gradient = np.random.default_rng(4).normal(size=(len(operator.positions), 3, 3))
+    stress = viscous_stress(gradient, operator.shear, operator.fibre, operator.directions)
+    expected = dissipation(gradient, stress) + operator.bulk * np.trace(gradient, axis1=1, axis2=2) ** 2
+    np.testing.assert_allclose(material_power(operator, gradient), expected, rtol=1e-12)

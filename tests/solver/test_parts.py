@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from ppmc.errors import NumericalError
+from ppmc.geometry.toolset import compile_tools
+from ppmc.scene.tooling import PlaneTool
 from ppmc.solver.block_jacobi import restricted_inverse
 from ppmc.solver.conjugate_gradient import conjugate_gradient
 from ppmc.solver.contact import (
@@ -22,11 +24,13 @@ from ppmc.solver.kernel_shape import (
     lattice_of,
     limited,
     rearrangement_rate,
+    six,
 )
 from ppmc.solver.neighbours import build_list, cell_order, list_is_stale, weigh_pairs
 from ppmc.solver.packing import packing
 from ppmc.solver.reductions import dot
 from ppmc.solver.time_step import event_times, fit_to_times, proposed_step
+from ppmc.solver.tools import AT_ONCE, faces_near
 from ppmc.solver.transport import convect_deformation, convect_directions, jeffery_increment
 
 from .blocks import lattice, wendland_weight
@@ -97,10 +101,12 @@ def test_packing_is_one_inside_and_against_walls_whatever_the_stretch(stretch):
     shape = np.tile(lattice_of(np.array(stretch)), (len(x), 1))
     metric, longest = inverse_shape(shape)
     pairs = weigh_pairs(build_list(x, 2.7, 0.05, metric, longest), x, 1.3, metric)
-    distance, normal = np.full((len(x), 3), np.inf), np.zeros((len(x), 3, 3))
-    distance[:, 0], normal[:, 0] = x[:, 2], [0.0, 0.0, 1.0]
-    distance[:, 1], normal[:, 1] = x[:, 0], [1.0, 0.0, 0.0]
-    found = packing(pairs, x, np.ones(len(x)), shape, metric, 1.3, np.ones(len(x)), distance, normal).reshape(9, 9, 9)
+    rows = np.flatnonzero(np.minimum(x[:, 0], x[:, 2]) < 2.6 * max(stretch))
+    distance, normal = np.full((len(rows), 3), np.inf), np.zeros((len(rows), 3, 3))
+    distance[:, 0], normal[:, 0] = x[rows, 2], [0.0, 0.0, 1.0]
+    distance[:, 1], normal[:, 1] = x[rows, 0], [1.0, 0.0, 0.0]
+    one = np.ones(len(x))
+    found = packing(pairs, x, one, shape, metric, 1.3, one, (rows, distance, normal)).reshape(9, 9, 9)
     # Up to the floor, the wall and their common edge; free faces lack the half that lies beyond them.
     np.testing.assert_allclose(found[:5, 4, :5], 1.0, atol=1e-3)
     assert found[4, 4, 8] < 0.85
@@ -113,8 +119,8 @@ def test_packing_sees_crowding_whatever_the_disorder():
     for squeeze in (1.0, 0.95):
         x = (lattice((12, 12, 12)) + rng.uniform(-0.3, 0.3, (1728, 3))) * squeeze
         pairs = weigh_pairs(build_list(x, 2.7, 0.05), x, 1.3)
-        none = np.full((len(x), 3), np.inf)
-        found = packing(pairs, x, np.ones(len(x)), shape, shape, 1.3, np.ones(len(x)), none, np.zeros((len(x), 3, 3)))
+        one, nowhere = np.ones(len(x)), (np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3, 3)))
+        found = packing(pairs, x, one, shape, shape, 1.3, one, nowhere)
         assert found.reshape(12, 12, 12)[inside].mean() == pytest.approx(squeeze**-3, abs=0.03)
 
 
@@ -248,6 +254,43 @@ def test_block_inverse_on_the_free_directions():
     for found, wanted in zip(inverse, exact, strict=True):
         np.testing.assert_allclose(found, wanted, atol=1e-6 * np.trace(wanted))
         assert np.linalg.eigvalsh(found - wanted).min() > 0.0
+
+
+def test_limited_shapes_against_numpy():
+    rng = np.random.default_rng(6)
+    axes = np.linalg.qr(rng.normal(size=(200, 3, 3)))[0]
+    values = np.exp(rng.normal(scale=2.0, size=(200, 3)))
+    values[:50, 1] = values[:50, 0]  # two axes alike
+    values[:20, 2] = values[:20, 0] * (1.0 + 1e-9)
+    values /= np.cbrt(np.prod(values, axis=1))[:, None]
+    shape = np.einsum("nab,nb,ncb->nac", axes, values, axes)
+    fade = rng.uniform(size=200)
+    found = full(limited(six(shape), 4.0, fade))
+    exact = np.maximum(values, values.max(axis=1, keepdims=True) / 16.0) ** (1.0 - fade)[:, None]
+    exact /= np.cbrt(np.prod(exact, axis=1))[:, None]
+    np.testing.assert_allclose(found, np.einsum("nab,nb,ncb->nac", axes, exact, axes), atol=1e-12 * exact.max())
+    np.testing.assert_allclose(aspect_ratio(six(shape)), np.sqrt(values.max(axis=1) / values.min(axis=1)), rtol=1e-9)
+    increment = np.eye(3) + 0.1 * rng.normal(size=(200, 3, 3))
+    carried = full(follow_lattice(six(shape), increment, np.zeros(200), np.ones(200)))
+    exact = increment @ shape @ np.swapaxes(increment, 1, 2)
+    exact /= np.cbrt(np.linalg.det(exact))[:, None, None]
+    within = np.linalg.cond(exact) < 2000.0
+    np.testing.assert_allclose(carried[within], exact[within], atol=1e-11 * abs(exact[within]).max())
+
+
+def test_faces_near_are_those_of_all_particles():
+    points = np.random.default_rng(5).uniform(0.0, 12.0, (2 * AT_ONCE + 77, 3))
+    tools = compile_tools({"floor": PlaneTool(shape="plane", point=(0, 0, 0), normal=(0, 0, 1)),
+                           "wall": PlaneTool(shape="plane", point=(0, 0, 0), normal=(1, 0, 0))})  # fmt: skip
+    rows, tool, distance, normal = faces_near(tools.arrays, tools.offsets(0.0), points, 1.5)
+    np.testing.assert_array_equal(rows, np.flatnonzero((points[:, 0] < 1.5) | (points[:, 2] < 1.5)))
+    np.testing.assert_allclose(distance[:, 0], np.minimum(points[rows, 0], points[rows, 2]))
+    both = (points[rows, 0] < 1.5) & (points[rows, 2] < 1.5)
+    np.testing.assert_array_equal(np.isfinite(distance[:, 1]), both)
+    np.testing.assert_array_equal(tool[:, 0], np.where(points[rows, 0] < points[rows, 2], 1, 0))
+    np.testing.assert_allclose(normal[:, 0, 0], tool[:, 0])
+    nowhere = faces_near(tools.arrays, tools.offsets(0.0), points + 5.0, 1.5)
+    assert [part.shape for part in nowhere] == [(0,), (0, 3), (0, 3), (0, 3, 3)]
 
 
 def test_places_of_rows():
