@@ -49,15 +49,15 @@ class Cells:
     low: np.ndarray
 
 
-def sort_into_cells(positions: np.ndarray, radius: float) -> Cells:
+def sort_into_cells(positions: np.ndarray, radius: float | np.ndarray) -> Cells:
     """Sort particles, stable inside a cell, so that all within `radius` of a cell lie in few runs of places.
 
     Parameters
     ----------
     positions : ndarray, shape (n, 3)
         mm.
-    radius : float
-        Length searched, mm.
+    radius : float, or ndarray, shape (3,)
+        Length searched, mm, along all axes or each.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def sort_into_cells(positions: np.ndarray, radius: float) -> Cells:
         )
     n = len(positions)
     axes = np.argsort(high - low, kind="stable")
-    edge = radius / DIVISION
+    edge = np.broadcast_to(radius, 3)[axes] / DIVISION
     shape = np.floor((high - low)[axes] / edge).astype(np.int64) + 1
     cell = np.empty(n, dtype=np.int32)
     _number_cells(positions, low[axes], edge, shape, axes, cell)

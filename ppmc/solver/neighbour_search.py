@@ -17,8 +17,9 @@ SPARE = 50  # of an array's length, added in case a later list is longer
 
 
 def find_neighbours(
-    cells: Cells, radius: float, cutoff: float, inverse_shape: np.ndarray, room: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+    cells: Cells, radius: float, box: np.ndarray, cutoff: float, inverse_shape: np.ndarray,
+    room: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Rows of all particles nearer than `cutoff`.
 
     Parameters
@@ -26,6 +27,8 @@ def find_neighbours(
     cells : Cells
     radius : float
         Distance beyond which nothing is within the cutoff, whatever the metric, mm.
+    box : ndarray, shape (3,)
+        The same along each axis, mm.
     cutoff : float
         mm, in the metric.
     inverse_shape : ndarray, shape (n, 6), or (0, 6) for spheres
@@ -42,7 +45,10 @@ def find_neighbours(
     """
     n = len(cells.order)
     metric = _along(inverse_shape, cells.axes) if len(inverse_shape) else inverse_shape
-    arguments = (metric, cells.order, cells.cell, cells.points, cells.first, cells.shape, cells.edge, radius, cutoff**2)
+    arguments = (
+        metric, cells.order, cells.cell, cells.points, cells.first, cells.shape, cells.edge, radius,
+        box[cells.axes], cutoff**2,
+    )  # fmt: skip
     counts, start = np.empty(n, dtype=np.int64), np.zeros(n + 1, dtype=np.int64)
     _list(*arguments, False, start, np.empty(0, dtype=np.int32), counts)
     np.cumsum(counts, out=start[1:])
@@ -70,11 +76,11 @@ def _along(metric: np.ndarray, axes: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True)
-def _runs_near(home, first, shape, edge, radius, runs):
-    """Write first and last places of the runs of cells that reach within `radius` of a home cell; count both."""
+def _runs_near(home, first, shape, edge, box, runs):
+    """Write first and last places of the runs of cells that reach within `box` of a home cell; count both."""
     nx, ny, nz = shape[0], shape[1], shape[2]
     cx, cy, cz = home % nx, (home // nx) % ny, home // (nx * ny)
-    reach_x, reach_y, reach_z = _reach_of(radius, edge[0]), _reach_of(radius, edge[1]), _reach_of(radius, edge[2])
+    reach_x, reach_y, reach_z = _reach_of(box[0], edge[0]), _reach_of(box[1], edge[1]), _reach_of(box[2], edge[2])
     count, places = 0, 0
     for kz in range(max(cz - reach_z, 0), min(cz + reach_z + 1, nz)):
         for ky in range(max(cy - reach_y, 0), min(cy + reach_y + 1, ny)):
@@ -102,11 +108,16 @@ def _middle(p):
 
 
 @njit(cache=True)
-def _box_distances(px, py, pz, x, y, z, half_x, half_y, half_z, distance2):
+def _box_distances(px, py, pz, x, y, z, half_x, half_y, half_z, box, distance2):
+    more = 1.0 + 1e-6
+    box_x, box_y, box_z = more * box[0], more * box[1], more * box[2]
     for k in range(px.shape[0]):
         dx, dy, dz = abs(px[k] - x) - half_x, abs(py[k] - y) - half_y, abs(pz[k] - z) - half_z
         dx, dy, dz = dx if dx > 0.0 else 0.0, dy if dy > 0.0 else 0.0, dz if dz > 0.0 else 0.0
-        distance2[k] = dx * dx + dy * dy + dz * dz
+        squared = dx * dx + dy * dy + dz * dz
+        squared = squared if dx < box_x else np.inf
+        squared = squared if dy < box_y else np.inf
+        distance2[k] = squared if dz < box_z else np.inf
 
 
 @njit(cache=True)
@@ -120,8 +131,8 @@ def _places_within(distance2, limit2, base, places):
 
 
 @njit(cache=True)
-def _places_near(runs, begin, end, points, radius, distance2, places):
-    """Write the places within `radius` of the box around the particles `begin` to `end`; return how many."""
+def _places_near(runs, begin, end, points, radius, box, distance2, places):
+    """Write the places within `radius`, and `box` along the axes, of the box around the particles `begin` to `end`."""
     px, py, pz = points[0], points[1], points[2]
     x, half_x = _middle(px[begin:end])
     y, half_y = _middle(py[begin:end])
@@ -129,7 +140,7 @@ def _places_near(runs, begin, end, points, radius, distance2, places):
     limit2, count = (radius * (1.0 + 1e-6)) ** 2, 0
     for r in range(runs.shape[0]):
         a, b = runs[r, 0], runs[r, 1]
-        _box_distances(px[a:b], py[a:b], pz[a:b], x, y, z, half_x, half_y, half_z, distance2)
+        _box_distances(px[a:b], py[a:b], pz[a:b], x, y, z, half_x, half_y, half_z, box, distance2)
         count += _places_within(distance2[: b - a], limit2, a, places[count:])
     return count
 
@@ -142,16 +153,15 @@ def _distances(px, py, pz, x, y, z, distance2):
 
 
 @njit(cache=True)
-def _metric_distances(near, metric, x, y, z, own, distance2):
-    for k in range(near.shape[1]):
-        dx, dy, dz = near[0, k] - x, near[1, k] - y, near[2, k] - z
+def _metric_distances(px, py, pz, xx, yy, zz, xy, yz, xz, x, y, z, a, b, c, d, e, f, distance2):
+    # One array a component, each known to be contiguous, or the loop does not vectorise.
+    for k in range(px.shape[0]):
+        dx, dy, dz = px[k] - x, py[k] - y, pz[k] - z
         distance2[k] = (
-            0.5 * (own[0] + metric[0, k]) * dx * dx
-            + 0.5 * (own[1] + metric[1, k]) * dy * dy
-            + 0.5 * (own[2] + metric[2, k]) * dz * dz
-            + (own[3] + metric[3, k]) * dx * dy
-            + (own[4] + metric[4, k]) * dy * dz
-            + (own[5] + metric[5, k]) * dx * dz
+            0.5 * ((a + xx[k]) * dx * dx + (b + yy[k]) * dy * dy + (c + zz[k]) * dz * dz)
+            + (d + xy[k]) * dx * dy
+            + (e + yz[k]) * dy * dz
+            + (f + xz[k]) * dx * dz
         )
 
 
@@ -173,10 +183,10 @@ def _count_within(distance2, cutoff2):
 
 
 @njit(cache=True, parallel=True)
-def _list(g, order, cell, points, first, shape, edge, radius, cutoff2, fill, start, index, counts):
+def _list(g, order, cell, points, first, shape, edge, radius, box, cutoff2, fill, start, index, counts):
     n = order.shape[0]
     sphere = g.shape[0] == 0
-    most_runs = (2 * _reach_of(radius, edge[1]) + 1) * (2 * _reach_of(radius, edge[2]) + 1)
+    most_runs = (2 * _reach_of(box[1], edge[1]) + 1) * (2 * _reach_of(box[2], edge[2]) + 1)
     for chunk in prange((n + CHUNK - 1) // CHUNK):
         runs = np.empty((most_runs, 2), dtype=np.int64)
         room = 0
@@ -189,13 +199,13 @@ def _list(g, order, cell, points, first, shape, edge, radius, cutoff2, fill, sta
             slot = end
             if begin > first[home]:
                 continue  # the chunk before has this cell
-            n_runs, most = _runs_near(home, first, shape, edge, radius, runs)
+            n_runs, most = _runs_near(home, first, shape, edge, box, runs)
             if most > room:
                 room = 2 * most
                 near, metric, distance2 = np.empty((3, room)), np.empty((6, room)), np.empty(room)
                 name, found = np.empty(room, dtype=np.int32), np.empty(room, dtype=np.int32)
             # All that can be near the cell's particles, side by side, so that the loops over it are long and plain.
-            m = _places_near(runs[:n_runs], begin, end, points, radius, distance2, found)
+            m = _places_near(runs[:n_runs], begin, end, points, radius, box, distance2, found)
             own = 0
             for k in range(m):
                 place = found[k]
@@ -204,16 +214,22 @@ def _list(g, order, cell, points, first, shape, edge, radius, cutoff2, fill, sta
                 near[0, k], near[1, k], near[2, k] = points[0, place], points[1, place], points[2, place]
             if not sphere:
                 for k in range(m):
-                    for c in range(6):
-                        metric[c, k] = g[name[k], c]
+                    j = np.uint32(name[k])
+                    metric[0, k], metric[1, k], metric[2, k] = g[j, 0], g[j, 1], g[j, 2]
+                    metric[3, k], metric[4, k], metric[5, k] = g[j, 3], g[j, 4], g[j, 5]
             for place in range(begin, end):
                 i = order[place]
-                x, y, z = points[0, place], points[1, place], points[2, place]
+                mine = own + place - begin
+                x, y, z = near[0, mine], near[1, mine], near[2, mine]
                 if sphere:
                     _distances(near[0, :m], near[1, :m], near[2, :m], x, y, z, distance2)
                 else:
-                    _metric_distances(near[:, :m], metric, x, y, z, g[i], distance2)
-                distance2[own + place - begin] = np.inf  # itself
+                    _metric_distances(
+                        near[0, :m], near[1, :m], near[2, :m], metric[0, :m], metric[1, :m], metric[2, :m],
+                        metric[3, :m], metric[4, :m], metric[5, :m], x, y, z, metric[0, mine], metric[1, mine],
+                        metric[2, mine], metric[3, mine], metric[4, mine], metric[5, mine], distance2,
+                    )  # fmt: skip
+                distance2[mine] = np.inf
                 if fill:
                     count = _names_within(distance2[:m], cutoff2, name, found)
                     row = index[start[i] : start[i + 1]]

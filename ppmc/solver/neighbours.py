@@ -152,7 +152,7 @@ def build_list(
     inverse_shape : ndarray, shape (n, 6), optional
         Metric of the distance, as in :func:`weigh_pairs`.
     reach : float
-        Largest axis of the shapes, by which the cells must be larger than `cutoff`.
+        Largest axis of the shapes.
     last : NeighbourList, optional
         A list that nobody needs any more; the new one takes its arrays if they are large enough.
 
@@ -161,15 +161,25 @@ def build_list(
     NeighbourList
     """
     metric = _NO_METRIC if inverse_shape is None else inverse_shape
-    radius = cutoff * reach
-    cells = sort_into_cells(positions, radius)
-    start, index = find_neighbours(cells, radius, cutoff, metric, None if last is None else last.index)
+    box = cutoff * (np.ones(3) if inverse_shape is None else extents(inverse_shape))
+    cells = sort_into_cells(positions, box)
+    start, index = find_neighbours(cells, cutoff * reach, box, cutoff, metric, None if last is None else last.index)
     del cells
     weight = room_for(len(index), np.float32, None if last is None else last.weight)
     count = np.empty(len(positions), dtype=np.int32)
     np.subtract(start[1:], start[:-1], out=count, casting="unsafe")
     longest = int(count.max(initial=0))
     return NeighbourList(start, index, count, weight, longest, positions.copy(), slack, _blocks(start, index))
+
+
+def extents(inverse_shape: np.ndarray) -> np.ndarray:
+    """Largest half-widths along x, y and z of ellipsoids with inverse shape tensors (n, 6); shape (3,).
+
+    In the mean of two metrics a pair is no nearer than in one of them, so nothing within reach lies beyond.
+    """
+    out = np.zeros(3)
+    _extents(inverse_shape, out)
+    return np.sqrt(out)
 
 
 def list_is_stale(neighbours: NeighbourList, positions: np.ndarray) -> bool:
@@ -217,6 +227,17 @@ def _blocks(start: np.ndarray, index: np.ndarray) -> Blocks:
     offset = np.zeros(count + 1, dtype=np.int64)
     np.cumsum(end - low, out=offset[1:])
     return Blocks(np.ascontiguousarray(rows), low, offset)
+
+
+@njit(cache=True)
+def _extents(inverse, squared):
+    for i in range(inverse.shape[0]):
+        xx, yy, zz, xy, yz, xz = (
+            inverse[i, 0], inverse[i, 1], inverse[i, 2], inverse[i, 3], inverse[i, 4], inverse[i, 5],
+        )  # fmt: skip
+        a, b, c = yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy
+        per = 1.0 / (xx * a + xy * (xz * yz - xy * zz) + xz * (xy * yz - xz * yy))
+        squared[0], squared[1], squared[2] = max(squared[0], per * a), max(squared[1], per * b), max(squared[2], per * c)
 
 
 @njit(cache=True, parallel=True)
