@@ -34,7 +34,14 @@ from ppmc.solver.operator import Operator, assemble
 from ppmc.solver.power import material_power
 from ppmc.solver.reductions import dot
 from ppmc.solver.tools import RATE_MEMORY
-from ppmc.solver.transport import convect_deformation, convect_directions, increment_to_here, jeffery_increment
+from ppmc.solver.transport import (
+    compose,
+    convect_deformation,
+    convect_directions,
+    increment_to_here,
+    jeffery_increment,
+    small_strain,
+)
 
 SAFETY = 0.8
 POWER_ITERATIONS = 20
@@ -227,7 +234,10 @@ class ExplicitIntegrator(ImplicitIntegrator):
         convect_directions(turn, state.fibre_direction)
         if settings.transport_normals:
             convect_directions(increment, state.in_plane_direction)
-        self.passed = increment if self.passed is None else increment @ self.passed
+        if self.passed is None:
+            self.passed = increment
+        else:
+            compose(increment, self.passed)
         self.passed_time += dt
         self._assemble(pairs, time)
 
@@ -236,8 +246,7 @@ class ExplicitIntegrator(ImplicitIntegrator):
         state = self.state
         if self.passed is None:
             return
-        moved = 0.5 * (self.passed + np.swapaxes(self.passed, -1, -2)) - np.eye(3)
-        strain = np.sqrt(np.einsum("nij,nij->n", moved, moved))
+        strain = small_strain(self.passed)
         if float(strain.max()) < least:
             return
         pairs = self.weigh(state.position)

@@ -2,7 +2,8 @@
 
 Cell by cell, everything that can be near its particles is copied side by side, so that the loops over it are long and
 plain; each particle then takes its neighbours from that. Rows depend on the particles alone: cells are visited in one
-order, and particles inside a cell ascend.
+order, and particles inside a cell ascend. Distances are taken in single precision from the middle of the cell, twice
+as many at a time, which moves the edge of the list by less than its skin by far.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -13,6 +14,7 @@ from ppmc.compile_cache import njit, prange
 from ppmc.solver.cells import Cells
 
 CHUNK = 64  # particles that share their buffers
+EDGE = 5e-5  # of a distance, by which single precision may be wrong
 SPARE = 50  # of an array's length, added in case a later list is longer
 
 
@@ -20,7 +22,7 @@ def find_neighbours(
     cells: Cells, radius: float, box: np.ndarray, cutoff: float, inverse_shape: np.ndarray,
     room: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Rows of all particles nearer than `cutoff`.
+    """Rows of all particles nearer than `cutoff`, and perhaps of a few beyond it by less than a thousandth.
 
     Parameters
     ----------
@@ -44,10 +46,10 @@ def find_neighbours(
         Particle numbers, itself left out.
     """
     n = len(cells.order)
-    metric = _along(inverse_shape, cells.axes) if len(inverse_shape) else inverse_shape
+    metric = _in_places(inverse_shape, cells)
     arguments = (
         metric, cells.order, cells.cell, cells.points, cells.first, cells.shape, cells.edge, radius,
-        box[cells.axes], cutoff**2,
+        box[cells.axes], np.float32((cutoff * (1.0 + EDGE)) ** 2),
     )  # fmt: skip
     counts, start = np.empty(n, dtype=np.int64), np.zeros(n + 1, dtype=np.int64)
     _list(*arguments, False, start, np.empty(0, dtype=np.int32), counts)
@@ -69,10 +71,21 @@ def room_for(count: int, dtype: type, last: np.ndarray | None) -> np.ndarray:
     return room[:count]
 
 
-def _along(metric: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Components of symmetric tensors XX, YY, ZZ, XY, YZ, XZ for axes taken in another order."""
+def _in_places(metric: np.ndarray, cells: Cells) -> np.ndarray:
+    """Half of XX, YY, ZZ, then XY, YZ, XZ of tensors along the axes as the cells count them; (6, n), by places."""
+    axes = cells.axes
     place = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])[np.ix_(axes, axes)]
-    return np.ascontiguousarray(metric[:, place[[0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]])
+    out = np.empty((6, len(metric)), dtype=np.float32)
+    if len(metric) > 0:
+        _take_components(metric, cells.order, place[[0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]], out)
+    return out
+
+
+@njit(cache=True, parallel=True)
+def _take_components(metric, order, component, out):
+    for slot in prange(order.shape[0]):
+        for c in range(6):
+            out[c, slot] = (0.5 if c < 3 else 1.0) * metric[order[slot], component[c]]
 
 
 @njit(cache=True)
@@ -109,7 +122,7 @@ def _middle(p):
 
 @njit(cache=True)
 def _box_distances(px, py, pz, x, y, z, half_x, half_y, half_z, box, distance2):
-    more = 1.0 + 1e-6
+    more = 1.0 + EDGE
     box_x, box_y, box_z = more * box[0], more * box[1], more * box[2]
     for k in range(px.shape[0]):
         dx, dy, dz = abs(px[k] - x) - half_x, abs(py[k] - y) - half_y, abs(pz[k] - z) - half_z
@@ -132,17 +145,20 @@ def _places_within(distance2, limit2, base, places):
 
 @njit(cache=True)
 def _places_near(runs, begin, end, points, radius, box, distance2, places):
-    """Write the places within `radius`, and `box` along the axes, of the box around the particles `begin` to `end`."""
+    """Write the places within `radius`, and `box` along the axes, of the box around the particles `begin` to `end`.
+
+    Return how many, and the middle of that box.
+    """
     px, py, pz = points[0], points[1], points[2]
     x, half_x = _middle(px[begin:end])
     y, half_y = _middle(py[begin:end])
     z, half_z = _middle(pz[begin:end])
-    limit2, count = (radius * (1.0 + 1e-6)) ** 2, 0
+    limit2, count = (radius * (1.0 + EDGE)) ** 2, 0
     for r in range(runs.shape[0]):
         a, b = runs[r, 0], runs[r, 1]
         _box_distances(px[a:b], py[a:b], pz[a:b], x, y, z, half_x, half_y, half_z, box, distance2)
         count += _places_within(distance2[: b - a], limit2, a, places[count:])
-    return count
+    return count, x, y, z
 
 
 @njit(cache=True)
@@ -158,10 +174,12 @@ def _metric_distances(px, py, pz, xx, yy, zz, xy, yz, xz, x, y, z, a, b, c, d, e
     for k in range(px.shape[0]):
         dx, dy, dz = px[k] - x, py[k] - y, pz[k] - z
         distance2[k] = (
-            0.5 * ((a + xx[k]) * dx * dx + (b + yy[k]) * dy * dy + (c + zz[k]) * dz * dz)
-            + (d + xy[k]) * dx * dy
-            + (e + yz[k]) * dy * dz
-            + (f + xz[k]) * dx * dz
+            (a + xx[k]) * (dx * dx)
+            + (b + yy[k]) * (dy * dy)
+            + (c + zz[k]) * (dz * dz)
+            + (d + xy[k]) * (dx * dy)
+            + (e + yz[k]) * (dy * dz)
+            + (f + xz[k]) * (dx * dz)
         )
 
 
@@ -174,23 +192,27 @@ def _names_within(distance2, cutoff2, name, found):
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"reassoc"})
 def _count_within(distance2, cutoff2):
-    count = 0
+    # Counted in the numbers that are compared, or the loop takes fewer at a time; a sum of ones may take any order.
+    count = np.float32(0.0)
     for k in range(distance2.shape[0]):
-        count += 1 if distance2[k] < cutoff2 else 0
-    return count
+        count += np.float32(1.0) if distance2[k] < cutoff2 else np.float32(0.0)
+    return int(count)
 
 
 @njit(cache=True, parallel=True)
 def _list(g, order, cell, points, first, shape, edge, radius, box, cutoff2, fill, start, index, counts):
     n = order.shape[0]
-    sphere = g.shape[0] == 0
+    sphere = g.shape[1] == 0
     most_runs = (2 * _reach_of(box[1], edge[1]) + 1) * (2 * _reach_of(box[2], edge[2]) + 1)
     for chunk in prange((n + CHUNK - 1) // CHUNK):
         runs = np.empty((most_runs, 2), dtype=np.int64)
         room = 0
-        near, metric, distance2 = np.empty((3, room)), np.empty((6, room)), np.empty(room)
+        near, metric, distance2, away2 = (
+            np.empty((3, room), np.float32), np.empty((6, room), np.float32), np.empty(room, np.float32),
+            np.empty(room),
+        )  # fmt: skip
         name, found = np.empty(room, dtype=np.int32), np.empty(room, dtype=np.int32)
         slot, last = chunk * CHUNK, min(n, (chunk + 1) * CHUNK)
         while slot < last:
@@ -202,21 +224,24 @@ def _list(g, order, cell, points, first, shape, edge, radius, box, cutoff2, fill
             n_runs, most = _runs_near(home, first, shape, edge, box, runs)
             if most > room:
                 room = 2 * most
-                near, metric, distance2 = np.empty((3, room)), np.empty((6, room)), np.empty(room)
+                near, metric, distance2, away2 = (
+                    np.empty((3, room), np.float32), np.empty((6, room), np.float32), np.empty(room, np.float32),
+                    np.empty(room),
+                )  # fmt: skip
                 name, found = np.empty(room, dtype=np.int32), np.empty(room, dtype=np.int32)
             # All that can be near the cell's particles, side by side, so that the loops over it are long and plain.
-            m = _places_near(runs[:n_runs], begin, end, points, radius, box, distance2, found)
+            m, x0, y0, z0 = _places_near(runs[:n_runs], begin, end, points, radius, box, away2, found)
             own = 0
             for k in range(m):
                 place = found[k]
                 own = k if place == begin else own
                 name[k] = order[place]
-                near[0, k], near[1, k], near[2, k] = points[0, place], points[1, place], points[2, place]
+                near[0, k], near[1, k], near[2, k] = points[0, place] - x0, points[1, place] - y0, points[2, place] - z0
             if not sphere:
                 for k in range(m):
-                    j = np.uint32(name[k])
-                    metric[0, k], metric[1, k], metric[2, k] = g[j, 0], g[j, 1], g[j, 2]
-                    metric[3, k], metric[4, k], metric[5, k] = g[j, 3], g[j, 4], g[j, 5]
+                    place = np.uint32(found[k])
+                    metric[0, k], metric[1, k], metric[2, k] = g[0, place], g[1, place], g[2, place]
+                    metric[3, k], metric[4, k], metric[5, k] = g[3, place], g[4, place], g[5, place]
             for place in range(begin, end):
                 i = order[place]
                 mine = own + place - begin

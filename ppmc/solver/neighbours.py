@@ -237,17 +237,27 @@ def _extents(inverse, squared):
         )  # fmt: skip
         a, b, c = yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy
         per = 1.0 / (xx * a + xy * (xz * yz - xy * zz) + xz * (xy * yz - xz * yy))
-        squared[0], squared[1], squared[2] = max(squared[0], per * a), max(squared[1], per * b), max(squared[2], per * c)
+        squared[0], squared[1], squared[2] = (
+            max(squared[0], per * a),
+            max(squared[1], per * b),
+            max(squared[2], per * c),
+        )
 
 
 @njit(cache=True, parallel=True)
 def _reach(start, index, rows, low, end):
     for block in prange(low.shape[0]):
-        first, last = rows[block], rows[block + 1] - 1
-        for slot in range(start[rows[block]], start[rows[block + 1]]):
-            j = np.int64(index[slot])
-            first, last = min(first, j), max(last, j)
-        low[block], end[block] = first, last + 1
+        first, last = _least_and_most(index[start[rows[block]] : start[rows[block + 1]]])
+        low[block], end[block] = min(rows[block], first), max(rows[block + 1] - 1, last) + 1
+
+
+@njit(cache=True)
+def _least_and_most(names):
+    least, most = np.int32(2**31 - 1), np.int32(-1)
+    for s in range(names.shape[0]):
+        least = names[s] if names[s] < least else least
+        most = names[s] if names[s] > most else most
+    return np.int64(least), np.int64(most)
 
 
 @njit(cache=True, parallel=True)

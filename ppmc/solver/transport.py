@@ -23,6 +23,18 @@ def convect_directions(increment: np.ndarray, directions: np.ndarray) -> None:
     _convect_directions(increment, directions)
 
 
+def compose(increment: np.ndarray, passed: np.ndarray) -> None:
+    """Put increments A (n, 3, 3) upon those that have `passed` (n, 3, 3) before, in place."""
+    _compose(increment, passed)
+
+
+def small_strain(increment: np.ndarray) -> np.ndarray:
+    """Norm of the symmetric part of A - I, shape (n,), for increments A (n, 3, 3)."""
+    out = np.empty(len(increment))
+    _small_strain(increment, out)
+    return out
+
+
 def increment_to_here(velocity_gradient: np.ndarray, time_step: float) -> tuple[np.ndarray, np.ndarray]:
     r"""Increment of a step from the velocity gradient where it *ended*.
 
@@ -103,6 +115,23 @@ def _increment_to_here(gradient, dt, a, out):
         for r in range(3):
             for c in range(3):
                 out[i, r, c] = g[r, 0] * a[i, 0, c] + g[r, 1] * a[i, 1, c] + g[r, 2] * a[i, 2, c]
+
+
+@njit(cache=True, parallel=True)
+def _compose(a, f):
+    for i in prange(a.shape[0]):
+        for c in range(3):
+            f0, f1, f2 = f[i, 0, c], f[i, 1, c], f[i, 2, c]
+            for r in range(3):
+                f[i, r, c] = a[i, r, 0] * f0 + a[i, r, 1] * f1 + a[i, r, 2] * f2
+
+
+@njit(cache=True, parallel=True)
+def _small_strain(a, out):
+    for i in prange(a.shape[0]):
+        xx, yy, zz = a[i, 0, 0] - 1.0, a[i, 1, 1] - 1.0, a[i, 2, 2] - 1.0
+        xy, yz, xz = a[i, 0, 1] + a[i, 1, 0], a[i, 1, 2] + a[i, 2, 1], a[i, 0, 2] + a[i, 2, 0]
+        out[i] = np.sqrt(xx * xx + yy * yy + zz * zz + 0.5 * (xy * xy + yz * yz + xz * xz))
 
 
 @njit(cache=True, parallel=True)
