@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # Measured (docs/benchmarks/solver.md): most bytes a particle held at once, particle-steps a core-second of an explicit
 # step and of one operator product, and products in an implicit step.
-BYTES_PER_PARTICLE = {"explicit": 2900, "implicit": 3400}
+BYTES_PER_PARTICLE = {"explicit": 1900, "implicit": 2400}
 EXPLICIT_STEPS_PER_SECOND = 0.45e6
 PRODUCTS_PER_SECOND = 1.43e6
 PRODUCTS_PER_STEP = (60, 200)

@@ -26,6 +26,7 @@ from ppmc.solver.contact import places
 from ppmc.solver.skyline import SkylineFactor, factorise
 
 CELL = 3.0  # size of a grid cell in particle spacings
+CELLS_AT_ONCE = 256  # whose matrices are held together
 SHIFT = 1e-9  # of the diagonal, for rigid motions
 
 
@@ -77,18 +78,20 @@ class CoarseGrid:
             Wall drag and hold of the tools on them, Pa s mm.
         """
         place = places(rows, len(volumes))
-        matrices = np.empty((len(self.nodes), 24, 24))
-        _cell_stiffness(
-            self.order, self.start, self.local, self.size, volumes, shear, bulk, fibre, directions, inertia, place,
-            hold, matrices,
-        )  # fmt: skip
         lowest = np.arange(len(self.corners))
         np.minimum.at(lowest, self.nodes.ravel(), np.repeat(self.nodes.min(axis=1), 8))
         first = np.repeat(3 * lowest, 3)
         offset = np.zeros(len(first) + 1, dtype=np.int64)
         np.cumsum(np.arange(len(first)) - first + 1, out=offset[1:])
-        values = np.zeros(offset[-1])
-        _gather_stiffness(self.nodes, matrices, first, offset, values)
+        values, cells = np.zeros(offset[-1]), len(self.nodes)
+        matrices = np.empty((min(CELLS_AT_ONCE, cells), 24, 24))
+        for begin in range(0, cells, CELLS_AT_ONCE):
+            end = min(begin + CELLS_AT_ONCE, cells)
+            _cell_stiffness(
+                self.order, self.start[begin : end + 1], self.local, self.size, volumes, shear, bulk, fibre,
+                directions, inertia, place, hold, matrices,
+            )  # fmt: skip
+            _gather_stiffness(self.nodes[begin:end], matrices, first, offset, values)
         self.factor = factorise(first, offset, values, SHIFT)
 
     def add_correction(self, residual: np.ndarray, out: np.ndarray) -> None:

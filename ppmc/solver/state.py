@@ -43,8 +43,8 @@ class ParticleState:
         Reference half-width towards each tool, mm.
     contact_tool : ndarray, shape (n, 3), int32
         Tools touched in the last step, -1 for none.
-    contact_normal : ndarray, shape (n, 3, 3)
-        Normals of the faces touched.
+    contact_normal : ndarray, shape (n, 3, 3), float32
+        Normals of the faces touched, only to know these again.
     wall_layers : ndarray, shape (n,)
         Number of faces in whose wall layer the particle is.
     lattice_shape, kernel_shape : ndarray, shape (n, 6)
@@ -104,7 +104,7 @@ class ParticleState:
             reference_position=np.array(position, dtype=np.float64),
             half_width=np.array(half_width, dtype=np.float64),
             contact_tool=np.full((n, 3), -1, dtype=np.int32),
-            contact_normal=np.zeros((n, 3, 3)),
+            contact_normal=np.zeros((n, 3, 3), dtype=np.float32),
             wall_layers=np.zeros(n, dtype=np.int64),
             lattice_shape=lattice.copy(),
             kernel_shape=lattice.copy(),

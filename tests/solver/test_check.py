@@ -300,7 +300,7 @@ solver: {end_time: 1, integrator: explicit, density: 16}
     told = said(parse_scene(text.replace("116", "61215")))
     assert number(told, r"Reynolds number ([\d.]+)") == pytest.approx(1.039e-3, rel=1e-2)
     assert "inertia shows" not in told
-    assert number(told, r"about ([\d,]+) MiB") == pytest.approx(152_592 * 2900 / 2**20, rel=0.01)
+    assert number(told, r"about ([\d,]+) MiB") == pytest.approx(152_592 * 1900 / 2**20, rel=0.01)
     steps = number(told, r"about ([\d,]+) steps")
     assert steps == pytest.approx(1.0 / number(told, r"together ([\d.e-]+) s"), rel=0.01)
     assert number(told, r"roughly ([\d.]+) h") == pytest.approx(steps * 152_592 / 0.45e6 / 3600, rel=0.01)
