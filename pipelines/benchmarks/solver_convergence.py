@@ -18,7 +18,7 @@ from ppmc.geometry.toolset import compile_tools
 from ppmc.scene.materials.transversely_isotropic import TransverselyIsotropic
 from ppmc.scene.solver import SolverSection
 from ppmc.scene.tooling import PlaneTool
-from ppmc.solver.implicit import ImplicitIntegrator, Model
+from ppmc.solver.implicit import ImplicitIntegrator, Model, StepReport
 from ppmc.solver.state import ParticleState
 from ppmc.solver.tools import Walls
 
@@ -26,11 +26,11 @@ SIZE = (8.0, 8.0, 4.0)  # mm
 BRIEF = 1e-3  # s, the first step
 
 
-def two_plies(spacing: float, ratio: float) -> ImplicitIntegrator:
+def two_plies(spacing: float, ratio: float, size: tuple[float, float, float] = SIZE) -> ImplicitIntegrator:
     """Return the integrator of the block, the ram closing at unit rate."""
-    axes = [(np.arange(round(side / spacing)) + 0.5) * spacing for side in SIZE]
+    axes = [(np.arange(round(side / spacing)) + 0.5) * spacing for side in size]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    height = SIZE[2]
+    height = size[2]
     lower = PlaneTool(shape="plane", point=(0, 0, 0), normal=(0, 0, 1))
     ram = PlaneTool(shape="plane", point=(0, 0, height), normal=(0, 0, -1), motion={"velocity": (0, 0, -height)})
     walls = Walls(compile_tools({"lower": lower, "ram": ram}), np.full(3, spacing))
@@ -45,6 +45,21 @@ def two_plies(spacing: float, ratio: float) -> ImplicitIntegrator:
     return ImplicitIntegrator(Model(settings, material, walls, settings.smoothing_ratio * spacing, bulk, 0.0), state)
 
 
+def relative_force(
+    spacing: float, ratio: float, size: tuple[float, float, float] = SIZE
+) -> tuple[float, StepReport]:  # fmt: skip
+    """Return the ram force of the first step over area and (R + 2) eta23 rate, and the step's report."""
+    integrator = two_plies(spacing, ratio, size)
+    integrator.initialise(0.0, BRIEF)
+    report = integrator.step(0.0, BRIEF)
+    return float(report.tool_force[1, 2]) / (size[0] * size[1] * (ratio + 2.0)), report
+
+
+def order(forces: list[float]) -> float:
+    """Return the order of convergence that the last three of `forces` show, each at half the spacing of the last."""
+    return math.log2((forces[-3] - forces[-2]) / (forces[-2] - forces[-1]))
+
+
 def main() -> None:
     """Print one row for each ratio and spacing."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -55,17 +70,16 @@ def main() -> None:
     for ratio in given.ratios:
         forces: list[float] = []
         for spacing in given.spacings:
-            integrator = two_plies(spacing, ratio)
-            integrator.initialise(0.0, BRIEF)
-            report = integrator.step(0.0, BRIEF)
-            forces.append(float(report.tool_force[1, 2]) / (SIZE[0] * SIZE[1] * (ratio + 2.0)))
+            force, report = relative_force(spacing, ratio)
+            forces.append(force)
+            count = round(np.prod(SIZE) / spacing**3)
             print(
-                f"{ratio:8.0f} {spacing:8.3f} {len(integrator.state):10d} {report.iterations:11d} {forces[-1]:8.5f}"
+                f"{ratio:8.0f} {spacing:8.3f} {count:10d} {report.iterations:11d} {forces[-1]:8.5f}"
                 f" {report.zero_energy_share:18.3f}",
                 flush=True,
             )
         if len(forces) > 2:
-            print(f"         order {math.log2((forces[-3] - forces[-2]) / (forces[-2] - forces[-1])):.2f}")
+            print(f"         order {order(forces):.2f}")
 
 
 if __name__ == "__main__":
