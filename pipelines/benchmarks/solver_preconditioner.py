@@ -72,10 +72,7 @@ def add_grid(system: VelocitySystem, cell: float) -> int:
     grid = make_grid(operator.positions, cell)
     own = operator.diagonal()[system.rows, :3].mean(axis=1)
     hold = own[:, None, None] * (np.eye(3) - system.free)
-    grid.stiffen(
-        operator.volumes, operator.shear, operator.bulk, operator.fibre, operator.directions, system.inertia,
-        system.rows, hold,
-    )  # fmt: skip
+    grid.stiffen(operator, system.inertia, system.rows, hold)
     system.coarse = grid
     return 3 * len(grid.corners)
 

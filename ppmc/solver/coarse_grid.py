@@ -23,10 +23,12 @@ from ppmc.compile_cache import njit, prange
 from ppmc.errors import NumericalError
 from ppmc.solver.cells import MAX_CELLS
 from ppmc.solver.contact import places
+from ppmc.solver.gradient import FAST
+from ppmc.solver.operator import Operator
 from ppmc.solver.skyline import SkylineFactor, factorise
 
-CELL = 3.0  # size of a grid cell in particle spacings
-CELLS_AT_ONCE = 256  # whose matrices are held together
+CELL = 4.0  # size of a grid cell in particle spacings
+BOX = 64  # nodes of a cell and of those around it
 SHIFT = 1e-9  # of the diagonal, for rigid motions
 
 
@@ -48,6 +50,8 @@ class CoarseGrid:
         Nodes of each cell.
     corners : ndarray, shape (nodes, 8), int64
         Cell corners, 8 cell + corner, that meet at a node; -1 for none.
+    sites : ndarray, shape (nodes, 3), int64
+        Number of each node along the axes.
     factor : SkylineFactor or None
         Factor of the grid's stiffness.
     """
@@ -58,18 +62,17 @@ class CoarseGrid:
     size: np.ndarray
     nodes: np.ndarray
     corners: np.ndarray
+    sites: np.ndarray
     factor: SkylineFactor | None = None
 
     def stiffen(
-        self, volumes: np.ndarray, shear: np.ndarray, bulk: np.ndarray, fibre: np.ndarray, directions: np.ndarray,
-        inertia: np.ndarray, rows: np.ndarray, hold: np.ndarray,
+        self, operator: Operator, inertia: np.ndarray, rows: np.ndarray, hold: np.ndarray
     ) -> None:  # fmt: skip
         """Assemble and factorise the grid's stiffness.
 
         Parameters
         ----------
-        volumes, shear, bulk, fibre, directions
-            As in :class:`ppmc.solver.operator.Operator`.
+        operator : Operator
         inertia : ndarray, shape (n,)
             Mass over the step, Pa s mm.
         rows : ndarray, shape (m,), int64
@@ -77,22 +80,39 @@ class CoarseGrid:
         hold : ndarray, shape (m, 3, 3)
             Wall drag and hold of the tools on them, Pa s mm.
         """
-        place = places(rows, len(volumes))
-        lowest = np.arange(len(self.corners))
-        np.minimum.at(lowest, self.nodes.ravel(), np.repeat(self.nodes.min(axis=1), 8))
-        first = np.repeat(3 * lowest, 3)
+        n = len(self.order)
+        pairs = operator.pairs
+        cell_of = np.empty(n, dtype=np.int32)
+        cell_of[self.order] = np.repeat(np.arange(len(self.nodes)), np.diff(self.start))
+        boxes = self._boxes()
+        lowest = np.where(boxes >= 0, boxes, len(self.sites)).min(axis=1)
+        on = boxes >= 0
+        reach = np.arange(len(self.sites))
+        np.minimum.at(reach, boxes[on], np.repeat(lowest, on.sum(axis=1)))
+        first = np.repeat(3 * reach, 3)
         offset = np.zeros(len(first) + 1, dtype=np.int64)
         np.cumsum(np.arange(len(first)) - first + 1, out=offset[1:])
-        values, cells = np.zeros(offset[-1]), len(self.nodes)
-        matrices = np.empty((min(CELLS_AT_ONCE, cells), 24, 24))
-        for begin in range(0, cells, CELLS_AT_ONCE):
-            end = min(begin + CELLS_AT_ONCE, cells)
-            _cell_stiffness(
-                self.order, self.start[begin : end + 1], self.local, self.size, volumes, shear, bulk, fibre,
-                directions, inertia, place, hold, matrices,
-            )  # fmt: skip
-            _gather_stiffness(self.nodes[begin:end], matrices, first, offset, values)
+        values = np.zeros(offset[-1])
+        site = self.sites[self.nodes[:, 0]]
+        place = places(rows, n)
+        for colour in np.ndindex(4, 4, 4):
+            cells = np.flatnonzero(np.all(site % 4 == colour, axis=1))
+            if len(cells):
+                _add_stiffness(
+                    cells, self.order, cell_of, site, self.local, self.start, boxes, pairs.start, pairs.count,
+                    pairs.index, pairs.weight, operator.positions, operator.volumes, operator.inverse, operator.shear,
+                    operator.bulk, operator.fibre, operator.directions, operator.control, inertia, place, hold,
+                    int(pairs.count.max(initial=0)), first, offset, values,
+                )  # fmt: skip
         self.factor = factorise(first, offset, values, SHIFT)
+
+    def _boxes(self) -> np.ndarray:
+        """Nodes of each cell and those around it, shape (cells, 64), -1 for none."""
+        table = np.full(tuple(self.sites.max(axis=0) + 3), -1)
+        table[tuple((self.sites + 1).T)] = np.arange(len(self.sites))
+        corner = self.sites[self.nodes[:, 0]]
+        around = np.array(list(np.ndindex(4, 4, 4)))
+        return table[tuple((corner[:, None] + around).transpose(2, 0, 1))]
 
     def add_correction(self, residual: np.ndarray, out: np.ndarray) -> None:
         """Add the interpolated grid solution for a residual (n, 3) to `out` (n, 3)."""
@@ -152,11 +172,13 @@ def make_grid(positions: np.ndarray, cell: float) -> CoarseGrid:
     rank = np.empty(len(used), dtype=np.int64)
     rank[reverse_cuthill_mckee(links, symmetric_mode=True)] = np.arange(len(used))
     nodes = rank[nodes]
+    sites = np.empty((len(used), 3), dtype=np.int64)
+    sites[rank] = np.stack(np.unravel_index(used, tuple(shape + 1)), axis=1)
 
     corners = np.full((len(used), 8), -1, dtype=np.int64)
     corners[nodes, np.arange(8)] = np.arange(nodes.size).reshape(-1, 8)
     return CoarseGrid(
-        order, np.append(start, len(positions)), np.ascontiguousarray(place - ijk), size, nodes, corners
+        order, np.append(start, len(positions)), np.ascontiguousarray(place - ijk), size, nodes, corners, sites
     )  # fmt: skip
 
 
@@ -169,66 +191,156 @@ def _weights(local, phi):
         phi[a] = wx * wy * wz
 
 
-@njit(cache=True, inline="always")
-def _gradients(local, size, grad):
-    for a in range(8):
-        wx = local[0] if a & 4 else 1.0 - local[0]
-        wy = local[1] if a & 2 else 1.0 - local[1]
-        wz = local[2] if a & 1 else 1.0 - local[2]
-        grad[a, 0] = (1.0 if a & 4 else -1.0) * wy * wz / size[0]
-        grad[a, 1] = (1.0 if a & 2 else -1.0) * wx * wz / size[1]
-        grad[a, 2] = (1.0 if a & 1 else -1.0) * wx * wy / size[2]
+@njit(cache=True, fastmath=FAST)
+def _weighted_product(a, b, weight, m):
+    total = 0.0
+    for s in range(m):
+        total += weight[s] * a[s] * b[s]
+    return total
+
+
+@njit(cache=True, fastmath=FAST)
+def _product(a, b, m):
+    total = 0.0
+    for s in range(m):
+        total += a[s] * b[s]
+    return total
 
 
 @njit(cache=True, parallel=True)
-def _cell_stiffness(order, start, local, size, volume, shear, bulk, fibre, p, inertia, place, hold, out):
-    for cell in prange(start.shape[0] - 1):
-        matrix = out[cell]
-        matrix[:] = 0.0
-        phi, g, flat, point = np.empty(8), np.empty((8, 3)), np.empty(24), np.empty((3, 3))
-        for slot in range(start[cell], start[cell + 1]):
-            i = order[slot]
-            _weights(local[i], phi)
-            _gradients(local[i], size, g)
-            point[:] = 0.0
-            if place[i] >= 0:
-                point[:] = hold[place[i]]
-            for c in range(3):
-                point[c, c] += inertia[i]
-            vol = volume[i]
-            eta, lame = vol * shear[i], vol * (bulk[i] - 2.0 / 3.0 * shear[i])
-            for a in range(8):
-                for b in range(a + 1):
-                    gg = eta * (g[a, 0] * g[b, 0] + g[a, 1] * g[b, 1] + g[a, 2] * g[b, 2])
-                    pp = phi[a] * phi[b]
-                    for c in range(3):
-                        matrix[3 * a + c, 3 * b + c] += gg
-                        for d in range(3):
-                            matrix[3 * a + c, 3 * b + d] += (
-                                eta * g[a, d] * g[b, c] + lame * g[a, c] * g[b, d] + pp * point[c, d]
-                            )
-            for k in range(p.shape[1]):
-                scale = vol * fibre[i, k]
-                for a in range(8):
-                    pg = p[i, k, 0] * g[a, 0] + p[i, k, 1] * g[a, 1] + p[i, k, 2] * g[a, 2]
-                    for c in range(3):
-                        flat[3 * a + c] = p[i, k, c] * pg - g[a, c] / 3.0
-                for r in range(24):
-                    for c in range(r + 1):
-                        matrix[r, c] += scale * flat[r] * flat[c]
-
-
-@njit(cache=True)
-def _gather_stiffness(nodes, matrices, first, offset, values):
-    for cell in range(nodes.shape[0]):
-        for a in range(8):
-            for b in range(a + 1):
+def _add_stiffness(
+    cells, order, cell_of, site, local, begin, boxes, start, count, index, weight, x, volume, inverse, shear, bulk,
+    fibre, p, control, inertia, place, hold, longest, first, offset, values,
+):  # fmt: skip
+    """Add what the particles of some cells, whose boxes have no node in common, contribute to the stiffness."""
+    directions = p.shape[1]
+    for turn in prange(cells.shape[0]):
+        cell = cells[turn]
+        matrix = np.zeros((3 * BOX, 3 * BOX))
+        delta = np.empty((BOX, longest))
+        phi, a = np.empty(8), np.empty(longest)
+        d, y = np.empty((3, longest)), np.empty((3, longest))
+        g, f = np.empty((BOX, 3)), np.empty((BOX, 3, directions))
+        number = np.empty(BOX, np.int64)
+        mean = np.empty((3, 3))
+        for at in range(begin[cell], begin[cell + 1]):
+            i = np.int64(order[at])
+            # Pairs within the cells next to this one, and the range of nodes that they see.
+            low0, low1, low2, high0, high1, high2 = 1, 1, 1, 1, 1, 1
+            m = 0
+            total = 0.0
+            mean[:] = 0.0
+            near = np.empty(count[i], np.int64)
+            for slot in range(start[i], start[i] + count[i]):
+                j = np.int64(index[slot])
+                other = cell_of[j]
+                o0 = site[other, 0] - site[cell, 0] + 1
+                o1 = site[other, 1] - site[cell, 1] + 1
+                o2 = site[other, 2] - site[cell, 2] + 1
+                if min(o0, min(o1, o2)) < 0 or max(o0, max(o1, o2)) > 2:
+                    continue
+                low0, low1, low2 = min(low0, o0), min(low1, o1), min(low2, o2)
+                high0, high1, high2 = max(high0, o0), max(high1, o1), max(high2, o2)
+                near[m] = j
+                a[m] = volume[j] * weight[slot]
+                r2 = 0.0
                 for c in range(3):
-                    for d in range(c + 1 if a == b else 3):
-                        row, column = 3 * nodes[cell, a] + c, 3 * nodes[cell, b] + d
+                    d[c, m] = x[j, c] - x[i, c]
+                    r2 += d[c, m] * d[c, m]
+                for c in range(3):
+                    y[c, m] = a[m] * (
+                        inverse[i, c, 0] * d[0, m] + inverse[i, c, 1] * d[1, m] + inverse[i, c, 2] * d[2, m]
+                    )
+                    mean[c, c] += a[m] * control[i, 0]
+                    for e in range(3):
+                        mean[c, e] += a[m] / r2 * control[i, 1] * d[c, m] * d[e, m]
+                for k in range(directions):
+                    pd = p[i, k, 0] * d[0, m] + p[i, k, 1] * d[1, m] + p[i, k, 2] * d[2, m]
+                    for c in range(3):
+                        nc = p[i, k, c] * pd - d[c, m] / 3.0
+                        for e in range(3):
+                            mean[c, e] += a[m] / r2 * control[i, 2 + k] * nc * (p[i, k, e] * pd - d[e, m] / 3.0)
+                total += a[m]
+                m += 1
+            wide1, wide2 = high1 - low1 + 2, high2 - low2 + 2
+            nodes = (high0 - low0 + 2) * wide1 * wide2
+            for node in range(nodes):
+                number[node] = ((low0 + node // (wide1 * wide2)) * 4 + low1 + node // wide2 % wide1) * 4 + (
+                    low2 + node % wide2
+                )
+                delta[node, :m] = 0.0
+            _weights(local[i], phi)
+            for corner in range(8):
+                node = (
+                    ((corner >> 2) + 1 - low0) * wide1 + ((corner >> 1) & 1) + 1 - low1
+                ) * wide2 + (corner & 1) + 1 - low2
+                for s in range(m):
+                    delta[node, s] -= phi[corner]
+            for s in range(m):
+                j = near[s]
+                other = cell_of[j]
+                o0 = site[other, 0] - site[cell, 0] + 1 - low0
+                o1 = site[other, 1] - site[cell, 1] + 1 - low1
+                o2 = site[other, 2] - site[cell, 2] + 1 - low2
+                _weights(local[j], phi)
+                for corner in range(8):
+                    node = ((o0 + (corner >> 2)) * wide1 + o1 + ((corner >> 1) & 1)) * wide2 + o2 + (corner & 1)
+                    delta[node, s] += phi[corner]
+            for c in range(3):
+                for e in range(3):
+                    mean[c, e] /= max(total, 1e-300)
+            eta, lame = volume[i] * shear[i], volume[i] * (bulk[i] - 2.0 / 3.0 * shear[i])
+            for node in range(nodes):
+                for c in range(3):
+                    g[node, c] = _product(delta[node], y[c], m)
+                for s in range(m):
+                    delta[node, s] -= g[node, 0] * d[0, s] + g[node, 1] * d[1, s] + g[node, 2] * d[2, s]
+                for k in range(directions):
+                    pg = p[i, k, 0] * g[node, 0] + p[i, k, 1] * g[node, 1] + p[i, k, 2] * g[node, 2]
+                    for c in range(3):
+                        f[node, c, k] = p[i, k, c] * pg - g[node, c] / 3.0
+            for na in range(nodes):
+                for nb in range(na + 1):
+                    kept = _weighted_product(delta[na], delta[nb], a, m)
+                    both = eta * (g[na, 0] * g[nb, 0] + g[na, 1] * g[nb, 1] + g[na, 2] * g[nb, 2])
+                    for c in range(3):
+                        row = 3 * number[na] + c
+                        for e in range(3):
+                            entry = kept * mean[c, e] + eta * g[na, e] * g[nb, c] + lame * g[na, c] * g[nb, e]
+                            if c == e:
+                                entry += both
+                            for k in range(directions):
+                                entry += volume[i] * fibre[i, k] * f[na, c, k] * f[nb, e, k]
+                            matrix[row, 3 * number[nb] + e] += entry
+            # Inertia, drag and hold act on the particle itself.
+            held = place[i]
+            if held >= 0 or inertia[i] > 0.0:
+                _weights(local[i], phi)
+                for ca in range(8):
+                    na = (((ca >> 2) + 1) * 4 + ((ca >> 1) & 1) + 1) * 4 + (ca & 1) + 1
+                    for cb in range(ca + 1):
+                        nb = (((cb >> 2) + 1) * 4 + ((cb >> 1) & 1) + 1) * 4 + (cb & 1) + 1
+                        share = phi[ca] * phi[cb]
+                        for c in range(3):
+                            matrix[3 * na + c, 3 * nb + c] += share * inertia[i]
+                            if held >= 0:
+                                for e in range(3):
+                                    matrix[3 * na + c, 3 * nb + e] += share * hold[held, c, e]
+        box = boxes[cell]
+        for na in range(BOX):
+            if box[na] < 0:
+                continue
+            for nb in range(na + 1):
+                if box[nb] < 0:
+                    continue
+                for c in range(3):
+                    for e in range(c + 1 if na == nb else 3):
+                        row, column = 3 * box[na] + c, 3 * box[nb] + e
+                        entry = matrix[3 * na + c, 3 * nb + e]
                         if row < column:
                             row, column = column, row
-                        values[offset[row] + column - first[row]] += matrices[cell, 3 * a + c, 3 * b + d]
+                        if entry != 0.0:
+                            values[offset[row] + column - first[row]] += entry
 
 
 @njit(cache=True, parallel=True)

@@ -227,6 +227,7 @@ class ImplicitIntegrator:
         velocities = state.velocity
         last = model.settings.contact_passes - 1
         attempt, rough = 0, 1.0 if last == 0 else ROUGH
+        coarse: CoarseGrid | None = None
         while True:
             faces = self._friction(contacts, operator)
             drag, right_side = np.zeros((len(rows), 3, 3)), load
@@ -236,7 +237,7 @@ class ImplicitIntegrator:
             free, held = contacts.constrain(dt)
             inverse = restricted_inverse(blocks, rows, drag, free)
             system = VelocitySystem(operator, inertia, rows, drag, free, inverse)
-            system.coarse = self._coarse_grid(system, blocks)
+            coarse = system.coarse = coarse or self._coarse_grid(system, blocks)
             stiffness = float(blocks[:, :3].mean())
             system.rigid = free_rigid_modes(operator.positions, inertia, rows, free, drag, stiffness)
             solution = conjugate_gradient(
@@ -272,7 +273,7 @@ class ImplicitIntegrator:
         return solution
 
     def _coarse_grid(self, system: VelocitySystem, blocks: np.ndarray) -> CoarseGrid | None:
-        """Coarse level of the preconditioner; it costs about as much as two products, so every pass has its own."""
+        """Coarse level of the preconditioner, for all passes of a step: it need not know the last faces that touch."""
         if not self.model.settings.coarse_level:
             return None
         operator = system.operator
@@ -280,10 +281,7 @@ class ImplicitIntegrator:
         # What a tool holds is as stiff for the grid as the particle itself: the grid then leaves it alone.
         own = blocks[system.rows, :3].mean(axis=1)
         hold = own[:, None, None] * (np.eye(3) - system.free) + system.drag
-        grid.stiffen(
-            operator.volumes, operator.shear, operator.bulk, operator.fibre, operator.directions, system.inertia,
-            system.rows, hold,
-        )  # fmt: skip
+        grid.stiffen(operator, system.inertia, system.rows, hold)
         return grid
 
     def _friction(self, contacts: Contacts, operator: Operator) -> np.ndarray:

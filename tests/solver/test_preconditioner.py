@@ -29,10 +29,7 @@ def stiff_grid(operator: Operator, free: np.ndarray, cell: float = 2.5) -> tuple
     own = operator.diagonal()[:, :3].mean(axis=1)
     point = own[:, None, None] * (np.eye(3) - free)
     rows = held_rows(free)
-    grid.stiffen(
-        operator.volumes, operator.shear, operator.bulk, operator.fibre, operator.directions, np.zeros(len(free)),
-        rows, point[rows],
-    )  # fmt: skip
+    grid.stiffen(operator, system.inertia, system.rows, hold)
     return grid, point
 
 
