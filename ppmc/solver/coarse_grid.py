@@ -27,7 +27,7 @@ from ppmc.solver.gradient import FAST
 from ppmc.solver.operator import Operator
 from ppmc.solver.skyline import SkylineFactor, factorise
 
-CELL = 4.0  # size of a grid cell in particle spacings
+CELL = 5.0  # size of a grid cell in particle spacings
 BOX = 64  # nodes of a cell and of those around it
 SHIFT = 1e-9  # of the diagonal, for rigid motions
 
