@@ -28,7 +28,8 @@ from ppmc.solver.contact import places
 from ppmc.solver.operator import Operator
 from ppmc.solver.skyline import SkylineFactor, factorise
 
-CELL = 5.0  # size of a grid cell in particle spacings
+CELL = 4.0  # size of a grid cell in particle spacings
+FEWEST = 3  # cells across a thin charge, down to five eighths of the size: unlike plies on each other need them
 SHIFT = 1e-9  # of the diagonal, for rigid motions
 
 
@@ -122,7 +123,8 @@ def make_grid(positions: np.ndarray, cell: float) -> CoarseGrid:
     positions : ndarray, shape (n, 3)
         mm.
     cell : float
-        Wanted size of a cell, mm; the grid fits the extent of the particles with whole cells.
+        Wanted size of a cell, mm; the grid fits the extent of the particles with whole cells, narrower ones where a
+        charge is thin.
 
     Returns
     -------
@@ -142,7 +144,8 @@ def make_grid(positions: np.ndarray, cell: float) -> CoarseGrid:
             f"particles are spread over {low} to {low + span} mm: some have been lost; take smaller steps"
             " (solver.max_strain_increment) or look for gaps in the tooling"
         )
-    shape = np.maximum(np.round(span / cell), 1).astype(np.int64)
+    few = np.minimum(FEWEST, np.floor(1.6 * span / cell))
+    shape = np.maximum(np.maximum(np.round(span / cell), few), 1).astype(np.int64)
     size = np.where(span > 0.0, span / shape, cell)
     place = (positions - low) / size
     ijk = np.minimum(place.astype(np.int64), shape - 1)
