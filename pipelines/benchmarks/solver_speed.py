@@ -31,7 +31,8 @@ from ppmc.scene.materials.transversely_isotropic import TransverselyIsotropic
 from ppmc.scene.solver import SolverSection
 from ppmc.scene.tooling import PlaneTool
 from ppmc.solver.explicit import ExplicitIntegrator
-from ppmc.solver.implicit import ImplicitIntegrator, Model, StepReport
+from ppmc.solver.implicit import ImplicitIntegrator
+from ppmc.solver.model import Model, StepReport
 from ppmc.solver.operator import Operator
 from ppmc.solver.state import ParticleState
 from ppmc.solver.tools import Walls

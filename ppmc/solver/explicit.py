@@ -27,12 +27,14 @@ from ppmc.solver import materials, single_direction
 from ppmc.solver.block_jacobi import multiply_blocks
 from ppmc.solver.contact import Contacts, between_wall_layers
 from ppmc.solver.gradient import moments_and_gradient, velocity_gradient
-from ppmc.solver.implicit import ImplicitIntegrator, StepReport
+from ppmc.solver.implicit import ImplicitIntegrator
 from ppmc.solver.kernel_shape import rearrangement_rate, smoothness
+from ppmc.solver.model import StepReport
 from ppmc.solver.neighbours import Pairs
 from ppmc.solver.operator import Operator, assemble
 from ppmc.solver.power import material_power
 from ppmc.solver.reductions import dot
+from ppmc.solver.tool_loads import add_tool_loads
 from ppmc.solver.tools import RATE_MEMORY
 from ppmc.solver.transport import (
     compose,
@@ -198,7 +200,7 @@ class ExplicitIntegrator(ImplicitIntegrator):
         free, held = contacts.constrain(dt)
         moved = multiply_blocks(free, here) + held
         _, forces = contacts.reactions((here - moved) / per_mass)
-        self.add_tool_loads(contacts, forces - friction, state.position[rows], report)
+        add_tool_loads(self.model, contacts, forces - friction, state.position[rows], report)
         relative = moved[:, None, :] - contacts.wall_velocity
         contacts.gap = contacts.gap + dt * np.einsum("nkc,nkc->nk", contacts.normal, relative) + near.flattening
         velocities[rows] = moved

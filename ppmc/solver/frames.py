@@ -4,7 +4,8 @@ import numpy as np
 
 from ppmc.orientation import orthonormal_frame, shear_angle
 from ppmc.solver import materials
-from ppmc.solver.implicit import ImplicitIntegrator, Model
+from ppmc.solver.implicit import ImplicitIntegrator
+from ppmc.solver.model import Model
 from ppmc.solver.state import ParticleState
 from ppmc.solver.viscosity import viscous_stress
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmc.solver.implicit import StepReport
+from ppmc.solver.model import StepReport
 from ppmc.solver.state import ParticleState
 
 

@@ -8,86 +8,27 @@ volumetric strain to keep the volume, and the deviatoric fibre stress turns a th
 fibre.
 """
 
-from dataclasses import dataclass, field
-from typing import Any
-
 import numpy as np
 
-from ppmc.errors import NumericalError
 from ppmc.solver import materials
-from ppmc.solver.block_jacobi import restricted_inverse
-from ppmc.solver.coarse_grid import CELL, CoarseGrid, make_grid
-from ppmc.solver.conjugate_gradient import Solution, conjugate_gradient
-from ppmc.solver.contact import FACES, Contacts, between_wall_layers
-from ppmc.solver.gradient import mean_around, moments_and_gradient, velocity_gradient
+from ppmc.solver.contact import Contacts, between_wall_layers
+from ppmc.solver.contact_passes import solve_with_contacts
+from ppmc.solver.gradient import mean_around, moments_and_gradient
 from ppmc.solver.kernel_shape import follow_lattice, inverse_shape, limited, rearrangement_rate, smoothness
+from ppmc.solver.model import Model, StepReport
 from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, cell_order, list_is_stale, weigh_pairs
 from ppmc.solver.operator import Operator, assemble
-from ppmc.solver.power import material_power, power_scale
-from ppmc.solver.rigid_modes import free_rigid_modes
 from ppmc.solver.smoothing import SUPPORT, pair_weight
 from ppmc.solver.state import ParticleState
-from ppmc.solver.system import VelocitySystem
-from ppmc.solver.tools import RATE_MEMORY, Walls
+from ppmc.solver.tool_loads import account
+from ppmc.solver.tools import RATE_MEMORY
 from ppmc.solver.transport import convect_deformation, convect_directions, jeffery_increment
 from ppmc.solver.volume_balance import correct_volume, measured_packing, reference_packing
 
 SKIN = 0.1  # of the support radius
-RELEASE = 1e-3  # pull, in mean pressing reactions, that releases a contact
-NEGLIGIBLE, DEEPEST = 1e-3, 0.01  # penetration in spacings: not worth a pass; worth one beyond those allowed
-SPARE_PASSES = 2  # of such passes
-ROUGH = 10.0  # factor on tolerances while it is open which faces touch
-ROUGH_WINDOW, WINDOW = 4, 8  # iterations between estimates of the error
 LEAST_STRAIN = 1e-3  # of the mean strain of a step: nothing flows below
 STARTS = 3  # solves from rest: only the second and third know how wall layers flatten
 TOUCH = 1e-6  # gap, in spacings, at which a face counts as touched
-
-
-@dataclass
-class StepReport:
-    """What one step did; every number goes into the history."""
-
-    time_step: float = 0.0
-    iterations: int = 0
-    passes: int = 0
-    estimated_error: float = 0.0
-    unconverged: int = 0
-    contacts: int = 0
-    penetration: float = 0.0
-    dissipation: float = 0.0
-    zero_energy_share: float = 0.0
-    tool_force: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    tool_moment: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-
-
-@dataclass
-class Model:
-    """Constants of a run.
-
-    Attributes
-    ----------
-    settings : section `solver` of the scene
-    material : section `material` of the scene
-    walls : Walls
-    smoothing_length : float
-        h, mm.
-    bulk_modulus : float
-        K, Pa.
-    density : float
-        Scaled density, g/mm^3; zero leaves inertia out.
-    """
-
-    settings: Any
-    material: Any
-    walls: Walls
-    smoothing_length: float
-    bulk_modulus: float
-    density: float
-
-    @property
-    def spacing(self) -> float:
-        """Mean particle spacing, mm."""
-        return float(np.cbrt(np.prod(self.walls.spacing)))
 
 
 class ImplicitIntegrator:
@@ -196,8 +137,8 @@ class ImplicitIntegrator:
         operator = self.operator(0.5 * dt if update else 0.0, time, dt)
         report = StepReport(time_step=dt)
         self.measured = None  # not needed while the solve holds most
-        solution = self._active_set(operator, contacts, dt, report)
-        self._account(operator, contacts, solution, dt, report)
+        solution = solve_with_contacts(model, state, operator, contacts, dt, report)
+        account(model, state, operator, contacts, solution, dt, report)
         self.remember(contacts)
         model.walls.forced.adjust(report.tool_force, started=update)
         # What the solve held makes room for what the end of the step needs.
@@ -213,138 +154,6 @@ class ImplicitIntegrator:
                 state.velocity, state.velocity_gradient = velocities, gradient
                 state.smooth_gradient, state.twice_smooth_gradient = around, around.copy()
         return report
-
-    def _active_set(self, operator: Operator, contacts: Contacts, dt: float, report: StepReport) -> Solution:
-        state, model = self.state, self.model
-        inertia, rows = (model.density / dt) * state.volume, contacts.rows
-        pressure = model.bulk_modulus * state.volume * (state.volume_ratio - 1.0)
-        pressure *= between_wall_layers(state.wall_layers)
-        load = inertia[:, None] * state.velocity
-        load -= operator.pressure_force(pressure)
-        blocks = operator.diagonal()
-        blocks[:, :3] += inertia[:, None]
-        del pressure
-        velocities = state.velocity
-        last = model.settings.contact_passes - 1
-        attempt, rough = 0, 1.0 if last == 0 else ROUGH
-        coarse: CoarseGrid | None = None
-        while True:
-            faces = self._friction(contacts, operator)
-            drag, right_side = np.zeros((len(rows), 3, 3)), load
-            if len(faces):
-                drag, right_side = faces.sum(axis=1), load.copy()
-                right_side[rows] += np.einsum("nkab,nkb->na", faces, contacts.wall_velocity)
-            free, held = contacts.constrain(dt)
-            inverse = restricted_inverse(blocks, rows, drag, free)
-            system = VelocitySystem(operator, inertia, rows, drag, free, inverse)
-            coarse = system.coarse = coarse or self._coarse_grid(system, blocks)
-            stiffness = float(blocks[:, :3].mean())
-            system.rigid = free_rigid_modes(operator.positions, inertia, rows, free, drag, stiffness)
-            solution = conjugate_gradient(
-                system.apply, system.project, system.precondition, right_side,
-                system.feasible(velocities, held), tolerance=rough * model.settings.velocity_tolerance,
-                max_iterations=model.settings.max_iterations, power_tolerance=rough * model.settings.power_tolerance,
-                window=WINDOW if rough == 1.0 else ROUGH_WINDOW,
-            )  # fmt: skip
-            velocities = solution.velocities
-            report.iterations += solution.iterations
-            report.passes += 1
-            report.estimated_error = solution.estimated_error
-            report.unconverged += not solution.converged
-            pressing, _ = contacts.reactions(-solution.residual[rows])
-            positive = pressing[pressing > 0.0]
-            limit = RELEASE * float(positive.mean()) if len(positive) else 0.0
-            depth = contacts.violations(velocities[rows], dt)
-            added = depth > NEGLIGIBLE * model.spacing
-            # In the last pass nothing is released: a small pull for one step does less harm than a penetration.
-            around = contacts.pressure_around(pressing, operator.pairs, model.smoothing_length)
-            released = contacts.active & (around < -limit) if attempt < last else np.zeros_like(added)
-            settled = not (added.any() or released.any())
-            enough = attempt >= last and (
-                attempt >= last + SPARE_PASSES or depth.max(initial=0.0) < DEEPEST * model.spacing
-            )
-            if enough or (settled and rough == 1.0):
-                break
-            contacts.active = (contacts.active & ~released) | added
-            del system, solution, pressing, around
-            # Which faces touch shows long before the velocities are exact: only the last pass need be.
-            attempt = attempt if settled else attempt + 1
-            rough = ROUGH if not settled and attempt < last else 1.0
-        return solution
-
-    def _coarse_grid(self, system: VelocitySystem, blocks: np.ndarray) -> CoarseGrid | None:
-        """Coarse level of the preconditioner, for all passes of a step: it need not know the last faces that touch."""
-        if not self.model.settings.coarse_level:
-            return None
-        operator = system.operator
-        grid = make_grid(operator.positions, CELL * self.model.spacing)
-        # What a tool holds is as stiff for the grid as the particle itself: the grid then leaves it alone.
-        own = blocks[system.rows, :3].mean(axis=1)
-        hold = own[:, None, None] * (np.eye(3) - system.free) + system.drag
-        grid.stiffen(operator, system.inertia, system.rows, hold)
-        return grid
-
-    def _friction(self, contacts: Contacts, operator: Operator) -> np.ndarray:
-        """Drag of Navier and no-slip walls at each face, shape (m, 3, 3, 3), Pa s mm; (0, 3, 3, 3) if all slip."""
-        state, rows = self.state, contacts.rows
-        if not self.model.walls.rub:
-            return np.zeros((0, FACES, 3, 3))
-        shear = operator.shear[rows] / between_wall_layers(state.wall_layers[rows])
-        factor = np.where(contacts.active, self.model.walls.friction(contacts, shear), 0.0)
-        area = contacts.areas(state.volume[rows] * state.volume_ratio[rows])
-        tangent = np.eye(3) - contacts.normal[..., :, None] * contacts.normal[..., None, :]
-        return (factor * area)[..., None, None] * tangent
-
-    def _account(
-        self, operator: Operator, contacts: Contacts, solution: Solution, dt: float, report: StepReport
-    ) -> None:
-        v = solution.velocities
-        if not np.all(np.isfinite(v)):
-            raise NumericalError(
-                f"{int(np.sum(~np.isfinite(v).all(axis=1)))} particles have velocities that are not finite"
-            )
-        resisted = operator.apply(v)
-        total = float(np.sum(v * resisted))
-        gradient = velocity_gradient(operator.pairs, operator.positions, operator.volumes, operator.inverse, v)
-        power, swelling = material_power(operator, gradient), np.einsum("nii->n", gradient)
-        del resisted, gradient
-        physical = float(np.sum(operator.volumes * power))
-        report.dissipation = total
-        report.zero_energy_share = max(0.0, 1.0 - physical / total) if total > 0.0 else 0.0
-        _, forces = contacts.reactions(-solution.residual[contacts.rows])
-        slide = v[contacts.rows, None, :] - contacts.wall_velocity
-        faces = self._friction(contacts, operator)
-        drag = -np.einsum("nkab,nkb->nka", faces, slide) if len(faces) else np.zeros_like(slide)
-        body = self._body_power(power, swelling, v, dt) + total - physical
-        forces *= power_scale(contacts, forces, drag, slide, body)
-        self.add_tool_loads(contacts, forces + drag, operator.positions[contacts.rows], report)
-        report.contacts = int(contacts.active.any(axis=1).sum())
-        report.penetration = float(contacts.violations(v[contacts.rows], dt).max(initial=0.0))
-
-    def _body_power(self, power: np.ndarray, swelling: np.ndarray, velocities: np.ndarray, dt: float) -> float:
-        """Power, Pa mm^3/s, that the charge takes up, the half-cells behind wall layers included.
-
-        Arguments are the material's power per volume and the divergence, both (n,), and the velocities (n, 3).
-        """
-        state, model = self.state, self.model
-        pressure = model.bulk_modulus * (state.volume_ratio - 1.0)
-        whole = power / between_wall_layers(state.wall_layers) + pressure * swelling
-        gained = velocities * (velocities - state.velocity)
-        inertia = model.density / dt * float(np.sum(state.volume[:, None] * gained)) if model.density > 0.0 else 0.0
-        return float(np.sum(state.volume * whole)) + inertia
-
-    def add_tool_loads(self, contacts: Contacts, forces: np.ndarray, positions: np.ndarray, report: StepReport) -> None:
-        """Add what the particles exert on the tools, given the forces of the faces on them (m, 3, 3), to a report."""
-        if len(report.tool_force) == 0:
-            report.tool_force = np.zeros((len(self.model.walls.tools), 3))
-            report.tool_moment = np.zeros((len(self.model.walls.tools), 3))
-        whole = contacts.whole_cells()
-        for k in range(contacts.tool.shape[1]):
-            on = contacts.active[:, k]
-            tool, force = contacts.tool[on, k], -whole[on, None] * forces[on, k]
-            at = positions[on] - contacts.half_width[on, k, None] * contacts.normal[on, k]
-            np.add.at(report.tool_force, tool, force)
-            np.add.at(report.tool_moment, tool, np.cross(at, force))
 
     def _gradient_at_start(self, velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Velocity gradient (n, 3, 3) where the step began, its mean around wall layers, rate of rearrangement (n,)."""

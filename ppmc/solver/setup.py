@@ -9,8 +9,8 @@ from ppmc.files import ParticleFile
 from ppmc.geometry.tool_checks import check_tools_apart
 from ppmc.geometry.toolset import ToolSet, compile_tools
 from ppmc.scene import Scene
-from ppmc.solver.implicit import Model
 from ppmc.solver.kernel_shape import lattice_of
+from ppmc.solver.model import Model
 from ppmc.solver.state import ParticleState
 from ppmc.solver.tools import Walls
 

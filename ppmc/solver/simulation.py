@@ -14,7 +14,8 @@ from ppmc.solver.checkpoint import Checkpoint, load_checkpoint, remove_checkpoin
 from ppmc.solver.explicit import ExplicitIntegrator
 from ppmc.solver.frames import field_names, frame
 from ppmc.solver.history import History
-from ppmc.solver.implicit import ImplicitIntegrator, Model, StepReport
+from ppmc.solver.implicit import ImplicitIntegrator
+from ppmc.solver.model import Model, StepReport
 from ppmc.solver.state import ParticleState
 from ppmc.solver.stop_requests import StopRequests
 from ppmc.solver.time_step import event_times, fit_to_times, proposed_step

@@ -8,7 +8,8 @@ from ppmc.geometry.toolset import compile_tools
 from ppmc.scene.materials.transversely_isotropic import TransverselyIsotropic
 from ppmc.scene.solver import SolverSection
 from ppmc.scene.tooling import PlaneTool
-from ppmc.solver.implicit import ImplicitIntegrator, Model, StepReport
+from ppmc.solver.implicit import ImplicitIntegrator
+from ppmc.solver.model import Model, StepReport
 from ppmc.solver.state import ParticleState
 from ppmc.solver.time_step import fit_to_times, proposed_step
 from ppmc.solver.tools import Walls

@@ -10,6 +10,7 @@ from ppmc.geometry.toolset import compile_tools
 from ppmc.scene.tooling import PlaneTool
 from ppmc.solver.explicit import ExplicitIntegrator, NearTools, _drag, _opposing_force
 from ppmc.solver.time_step import fit_to_times
+from ppmc.solver.tool_loads import wall_drag
 
 from .blocks import lattice, make_operator, unit_vectors
 from .scenes import make_squeeze, squeeze
@@ -93,7 +94,7 @@ def test_drag_of_a_navier_wall_is_that_of_the_implicit_step():
     velocities = np.random.default_rng(2).normal(size=state.position.shape)
     implicit.initialise(0.0, 1e-3)
     state.wall_layers[:] = 0
-    blocks = implicit._friction(contacts, implicit.operator(0.0, 0.0, 1e-3))
+    blocks = wall_drag(implicit.model, state, contacts, implicit.operator(0.0, 0.0, 1e-3))
     velocities = velocities[contacts.rows]
     expected = np.einsum("nkab,nkb->nka", blocks, velocities[:, None] - contacts.wall_velocity)
     shear = np.full(len(contacts.rows), implicit.model.material.shear)

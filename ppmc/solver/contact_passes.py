@@ -1,0 +1,124 @@
+"""Velocities and touching faces of a step: solves with given contacts, until neither is to change.
+
+Which faces touch shows long before the velocities are exact, so only the last pass is solved to the wanted tolerance.
+"""
+
+import numpy as np
+
+from ppmc.solver.block_jacobi import restricted_inverse
+from ppmc.solver.coarse_grid import CELL, CoarseGrid, make_grid
+from ppmc.solver.conjugate_gradient import Solution, conjugate_gradient
+from ppmc.solver.contact import Contacts, between_wall_layers
+from ppmc.solver.model import Model, StepReport
+from ppmc.solver.operator import Operator
+from ppmc.solver.rigid_modes import free_rigid_modes
+from ppmc.solver.state import ParticleState
+from ppmc.solver.system import VelocitySystem
+from ppmc.solver.tool_loads import wall_drag
+
+RELEASE = 1e-3  # pull, in mean pressing reactions, that releases a contact
+NEGLIGIBLE, DEEPEST = 1e-3, 0.01  # penetration in spacings: not worth a pass; worth one beyond those allowed
+SPARE_PASSES = 2  # of such passes
+ROUGH = 10.0  # factor on tolerances while it is open which faces touch
+ROUGH_WINDOW, WINDOW = 4, 8  # iterations between estimates of the error
+
+
+def solve_with_contacts(
+    model: Model, state: ParticleState, operator: Operator, contacts: Contacts, time_step: float, report: StepReport
+) -> Solution:
+    """Find the velocities of a step and the faces that touch.
+
+    Parameters
+    ----------
+    model : Model
+    state : ParticleState
+        At the beginning of the step.
+    operator : Operator
+    contacts : Contacts
+        Its `active` are where the search begins and, at the end, what touches.
+    time_step : float
+        s.
+    report : StepReport
+        Iterations, passes and errors are added.
+
+    Returns
+    -------
+    Solution
+    """
+    inertia, rows = (model.density / time_step) * state.volume, contacts.rows
+    load = inertia[:, None] * state.velocity
+    load -= operator.pressure_force(_held_pressure(model, state))
+    blocks = operator.diagonal()
+    blocks[:, :3] += inertia[:, None]
+    stiffness = float(blocks[:, :3].mean())
+    velocities = state.velocity
+    last = model.settings.contact_passes - 1
+    attempt, rough = 0, 1.0 if last == 0 else ROUGH
+    coarse: CoarseGrid | None = None
+    while True:
+        faces = wall_drag(model, state, contacts, operator)
+        drag, right_side = np.zeros((len(rows), 3, 3)), load
+        if len(faces):
+            drag, right_side = faces.sum(axis=1), load.copy()
+            right_side[rows] += np.einsum("nkab,nkb->na", faces, contacts.wall_velocity)
+        free, held = contacts.constrain(time_step)
+        inverse = restricted_inverse(blocks, rows, drag, free)
+        system = VelocitySystem(operator, inertia, rows, drag, free, inverse)
+        if coarse is None and model.settings.coarse_level:
+            coarse = _coarse_grid(model, system, blocks)
+        system.coarse = coarse
+        system.rigid = free_rigid_modes(operator.positions, inertia, rows, free, drag, stiffness)
+        solution = conjugate_gradient(
+            system.apply, system.project, system.precondition, right_side,
+            system.feasible(velocities, held), tolerance=rough * model.settings.velocity_tolerance,
+            max_iterations=model.settings.max_iterations, power_tolerance=rough * model.settings.power_tolerance,
+            window=WINDOW if rough == 1.0 else ROUGH_WINDOW,
+        )  # fmt: skip
+        velocities = solution.velocities
+        report.iterations += solution.iterations
+        report.passes += 1
+        report.estimated_error = solution.estimated_error
+        report.unconverged += not solution.converged
+        added, released, deepest = _changes(model, contacts, operator, solution, time_step, attempt < last)
+        settled = not (added.any() or released.any())
+        enough = attempt >= last and (attempt >= last + SPARE_PASSES or deepest < DEEPEST * model.spacing)
+        if enough or (settled and rough == 1.0):
+            return solution
+        contacts.active = (contacts.active & ~released) | added
+        # What the pass held makes room for the next.
+        del system, solution, inverse
+        attempt = attempt if settled else attempt + 1
+        rough = ROUGH if not settled and attempt < last else 1.0
+
+
+def _held_pressure(model: Model, state: ParticleState) -> np.ndarray:
+    """Pressure times volume, Pa mm^3, of the part of each particle that resists, shape (n,); positive where swollen."""
+    pressure = model.bulk_modulus * state.volume * (state.volume_ratio - 1.0)
+    pressure *= between_wall_layers(state.wall_layers)
+    return pressure
+
+
+def _changes(
+    model: Model, contacts: Contacts, operator: Operator, solution: Solution, time_step: float, may_release: bool
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Faces to add and to release, both (m, 3), and the deepest penetration, mm."""
+    pressing, _ = contacts.reactions(-solution.residual[contacts.rows])
+    depth = contacts.violations(solution.velocities[contacts.rows], time_step)
+    added, released = depth > NEGLIGIBLE * model.spacing, np.zeros_like(contacts.active)
+    # In the last pass nothing is released: a small pull for one step does less harm than a penetration.
+    if may_release:
+        positive = pressing[pressing > 0.0]
+        limit = RELEASE * float(positive.mean()) if len(positive) else 0.0
+        around = contacts.pressure_around(pressing, operator.pairs, model.smoothing_length)
+        released = contacts.active & (around < -limit)
+    return added, released, float(depth.max(initial=0.0))
+
+
+def _coarse_grid(model: Model, system: VelocitySystem, blocks: np.ndarray) -> CoarseGrid:
+    """Coarse level of the preconditioner, for all passes of a step: it need not know the last faces that touch."""
+    grid = make_grid(system.operator.positions, CELL * model.spacing)
+    # What a tool holds is as stiff for the grid as the particle itself: the grid then leaves it alone.
+    own = blocks[system.rows, :3].mean(axis=1)
+    hold = own[:, None, None] * (np.eye(3) - system.free) + system.drag
+    grid.stiffen(system.operator, system.inertia, system.rows, hold)
+    return grid

@@ -1,0 +1,55 @@
+"""What a run is made of, and what each of its steps reports."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ppmc.solver.tools import Walls
+
+
+@dataclass
+class StepReport:
+    """What one step did; every number goes into the history."""
+
+    time_step: float = 0.0
+    iterations: int = 0
+    passes: int = 0
+    estimated_error: float = 0.0
+    unconverged: int = 0
+    contacts: int = 0
+    penetration: float = 0.0
+    dissipation: float = 0.0
+    zero_energy_share: float = 0.0
+    tool_force: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    tool_moment: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+
+
+@dataclass
+class Model:
+    """Constants of a run.
+
+    Attributes
+    ----------
+    settings : section `solver` of the scene
+    material : section `material` of the scene
+    walls : Walls
+    smoothing_length : float
+        h, mm.
+    bulk_modulus : float
+        K, Pa.
+    density : float
+        Scaled density, g/mm^3; zero leaves inertia out.
+    """
+
+    settings: Any
+    material: Any
+    walls: Walls
+    smoothing_length: float
+    bulk_modulus: float
+    density: float
+
+    @property
+    def spacing(self) -> float:
+        """Mean particle spacing, mm."""
+        return float(np.cbrt(np.prod(self.walls.spacing)))

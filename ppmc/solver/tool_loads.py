@@ -1,0 +1,115 @@
+"""What a solve says about the tools: drag of their faces, forces and moments on them, and the power they give."""
+
+import numpy as np
+
+from ppmc.errors import NumericalError
+from ppmc.solver.conjugate_gradient import Solution
+from ppmc.solver.contact import FACES, Contacts, between_wall_layers
+from ppmc.solver.gradient import velocity_gradient
+from ppmc.solver.model import Model, StepReport
+from ppmc.solver.operator import Operator
+from ppmc.solver.power import material_power, power_scale
+from ppmc.solver.state import ParticleState
+
+
+def wall_drag(model: Model, state: ParticleState, contacts: Contacts, operator: Operator) -> np.ndarray:
+    """Drag of Navier and no-slip walls at each face, shape (m, 3, 3, 3), Pa s mm; (0, 3, 3, 3) if all slip."""
+    rows = contacts.rows
+    if not model.walls.rub:
+        return np.zeros((0, FACES, 3, 3))
+    shear = operator.shear[rows] / between_wall_layers(state.wall_layers[rows])
+    factor = np.where(contacts.active, model.walls.friction(contacts, shear), 0.0)
+    area = contacts.areas(state.volume[rows] * state.volume_ratio[rows])
+    tangent = np.eye(3) - contacts.normal[..., :, None] * contacts.normal[..., None, :]
+    return (factor * area)[..., None, None] * tangent
+
+
+def account(
+    model: Model, state: ParticleState, operator: Operator, contacts: Contacts, solution: Solution, time_step: float,
+    report: StepReport,
+) -> None:  # fmt: skip
+    """Put dissipation, forces, moments and contacts of a solve into its report.
+
+    Parameters
+    ----------
+    model : Model
+    state : ParticleState
+        At the beginning of the step.
+    operator : Operator
+    contacts : Contacts
+    solution : Solution
+    time_step : float
+        s.
+    report : StepReport
+
+    Raises
+    ------
+    ppmc.errors.NumericalError
+        If velocities are not finite.
+    """
+    v = solution.velocities
+    if not np.all(np.isfinite(v)):
+        raise NumericalError(
+            f"{int(np.sum(~np.isfinite(v).all(axis=1)))} particles have velocities that are not finite"
+        )
+    resisted = operator.apply(v)
+    total = float(np.sum(v * resisted))
+    gradient = velocity_gradient(operator.pairs, operator.positions, operator.volumes, operator.inverse, v)
+    power, swelling = material_power(operator, gradient), np.einsum("nii->n", gradient)
+    del resisted, gradient
+    physical = float(np.sum(operator.volumes * power))
+    # Pressure that builds up or dies down in the step is no dissipation.
+    report.dissipation = total - float(np.sum(operator.volumes * operator.bulk * swelling**2))
+    report.zero_energy_share = max(0.0, (total - physical) / report.dissipation) if report.dissipation > 0.0 else 0.0
+    _, forces = contacts.reactions(-solution.residual[contacts.rows])
+    slide = v[contacts.rows, None, :] - contacts.wall_velocity
+    faces = wall_drag(model, state, contacts, operator)
+    drag = -np.einsum("nkab,nkb->nka", faces, slide) if len(faces) else np.zeros_like(slide)
+    body = _body_power(model, state, power, swelling, v, time_step) + total - physical
+    forces *= power_scale(contacts, forces, drag, slide, body)
+    add_tool_loads(model, contacts, forces + drag, operator.positions[contacts.rows], report)
+    report.contacts = int(contacts.active.any(axis=1).sum())
+    report.penetration = float(contacts.violations(v[contacts.rows], time_step).max(initial=0.0))
+
+
+def add_tool_loads(
+    model: Model, contacts: Contacts, forces: np.ndarray, positions: np.ndarray, report: StepReport
+) -> None:
+    """Add what the particles exert on the tools to a report.
+
+    Parameters
+    ----------
+    model : Model
+    contacts : Contacts
+    forces : ndarray, shape (m, 3, 3)
+        Forces of the faces on the particles, Pa mm^2.
+    positions : ndarray, shape (m, 3)
+        Of these particles, mm.
+    report : StepReport
+    """
+    if len(report.tool_force) == 0:
+        report.tool_force = np.zeros((len(model.walls.tools), 3))
+        report.tool_moment = np.zeros((len(model.walls.tools), 3))
+    whole = contacts.whole_cells()
+    for k in range(contacts.tool.shape[1]):
+        on = contacts.active[:, k]
+        tool, force = contacts.tool[on, k], -whole[on, None] * forces[on, k]
+        at = positions[on] - contacts.half_width[on, k, None] * contacts.normal[on, k]
+        np.add.at(report.tool_force, tool, force)
+        np.add.at(report.tool_moment, tool, np.cross(at, force))
+
+
+def _body_power(
+    model: Model, state: ParticleState, power: np.ndarray, swelling: np.ndarray, velocities: np.ndarray,
+    time_step: float,
+) -> float:  # fmt: skip
+    """Power, Pa mm^3/s, that the charge takes up, the half-cells behind wall layers included.
+
+    `power` per volume and divergence `swelling` are (n,), velocities (n, 3).
+    """
+    pressure = model.bulk_modulus * (state.volume_ratio - 1.0)
+    whole = float(np.sum(state.volume * (power / between_wall_layers(state.wall_layers) + pressure * swelling)))
+    if model.density == 0.0:
+        return whole
+    gained = velocities * (velocities - state.velocity)
+    return whole + model.density / time_step * float(np.sum(state.volume[:, None] * gained))
