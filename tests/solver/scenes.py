@@ -43,7 +43,12 @@ class Squeeze:
     def closing_rate(self) -> float:
         """Closing strain rate in the middle of the last step, 1/s."""
         tools = self.integrator.model.walls.tools
-        return -tools.velocities(0.5)[1, 2] * self.compression / tools.tools[1].point[2]
+        return self.closing_speed * self.compression / tools.tools[1].point[2]
+
+    @property
+    def closing_speed(self) -> float:
+        """Speed of the ram, mm/s."""
+        return float(-self.integrator.model.walls.tools.velocities(0.5)[1, 2])
 
     @property
     def press_force(self) -> float:
