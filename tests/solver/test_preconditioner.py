@@ -106,12 +106,12 @@ def test_motions_without_stiffness_do_not_spoil_the_factor():
 
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_grid_is_as_stiff_as_the_operator_on_its_motions(count):
-    positions = lattice((6, 5, 7), 0.2)
+    positions = lattice((7, 5, 7), 0.2)
     directions = np.concatenate([unit_vectors(len(positions), seed) for seed in range(2)], axis=1)[:, :count]
     operator = make_operator(positions, directions, ratio=1e4)
     # The grid knows the mean of a particle's control only: it is that of every pair if it has no direction.
     operator.control[:, 1:] = 0.0
-    grid, point = stiff_grid(operator, hold_floor(positions))
+    grid, point = stiff_grid(operator, hold_floor(positions), 4.5)  # cells wider than the kernels: no pair is left out
     shapes = np.kron(shape_functions(grid), np.eye(3))
     exact = shapes.T @ (dense_matrix(operator) @ shapes)
     held = shapes.reshape(len(positions), 3, -1)
