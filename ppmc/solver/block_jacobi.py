@@ -9,7 +9,7 @@ as long as what rounding takes is given back on the diagonal.
 import numpy as np
 
 from ppmc.compile_cache import njit, prange
-from ppmc.solver.small_tensors import invert_block
+from ppmc.solver.small_tensors import invert_block, unpack
 
 ROUNDING = 2e-7  # of the trace of an inverse: no less than what rounding its entries to single precision can take
 
@@ -51,21 +51,6 @@ def multiply_rows(rows: np.ndarray, blocks: np.ndarray, vectors: np.ndarray) -> 
     return vectors
 
 
-def multiply_blocks(blocks: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Product of blocks (n, 3, 3) with vectors (n, 3)."""
-    out = np.empty_like(vectors)
-    _multiply(blocks, vectors, out)
-    return out
-
-
-@njit(cache=True, parallel=True)
-def _multiply(blocks, vectors, out):
-    for i in prange(vectors.shape[0]):
-        a, b, c = vectors[i, 0], vectors[i, 1], vectors[i, 2]
-        for r in range(3):
-            out[i, r] = blocks[i, r, 0] * a + blocks[i, r, 1] * b + blocks[i, r, 2] * c
-
-
 @njit(cache=True, parallel=True)
 def _multiply_rows(rows, blocks, vectors):
     for k in prange(rows.shape[0]):
@@ -89,14 +74,6 @@ def _multiply_symmetric(blocks, vectors, out):
 
 
 @njit(cache=True)
-def _unpack(blocks, i, out):
-    out[0, 0], out[1, 1], out[2, 2] = blocks[i, 0], blocks[i, 1], blocks[i, 2]
-    out[0, 1] = out[1, 0] = blocks[i, 3]
-    out[1, 2] = out[2, 1] = blocks[i, 4]
-    out[0, 2] = out[2, 0] = blocks[i, 5]
-
-
-@njit(cache=True)
 def _pack(block, i, out):
     add = ROUNDING * (block[0, 0] + block[1, 1] + block[2, 2])
     out[i, 0], out[i, 1], out[i, 2] = block[0, 0] + add, block[1, 1] + add, block[2, 2] + add
@@ -107,7 +84,7 @@ def _pack(block, i, out):
 def _inverse(blocks, out):
     for i in prange(blocks.shape[0]):
         block, inverse = np.empty((3, 3)), np.empty((3, 3))
-        _unpack(blocks, i, block)
+        unpack(blocks[i], block)
         invert_block(block, inverse)
         _pack(inverse, i, out)
 
@@ -116,7 +93,7 @@ def _inverse(blocks, out):
 def _restricted_inverse(blocks, rows, drag, free, out):
     for place in prange(rows.shape[0]):
         block, work, inverse, p = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), free[place]
-        _unpack(blocks, rows[place], block)
+        unpack(blocks[rows[place]], block)
         for r in range(3):
             for c in range(3):
                 block[r, c] += drag[place, r, c]

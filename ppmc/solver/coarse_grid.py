@@ -85,6 +85,7 @@ class CoarseGrid:
         boxes = self._boxes()
         first, offset = _profile(boxes, len(self.sites))
         values, pairs = np.zeros(offset[-1]), operator.pairs
+        place, longest = places(rows, len(self.order)), max(1, int(pairs.count.max(initial=0)))
         # Cells whose boxes have no node in common, colour by colour: the sums have one order for any thread count.
         for colour in np.ndindex(SIDE, SIDE, SIDE):
             cells = np.flatnonzero(np.all(site % SIDE == colour, axis=1))
@@ -92,8 +93,8 @@ class CoarseGrid:
                 add_stiffness(
                     cells, self.order, self.start, cell_of, site, self.local, boxes, pairs.start, pairs.count,
                     pairs.index, pairs.weight, operator.positions, operator.volumes, operator.inverse, operator.shear,
-                    operator.bulk, operator.fibre, operator.directions, operator.control, inertia,
-                    places(rows, len(self.order)), hold, first, offset, values,
+                    operator.bulk, operator.fibre, operator.directions, operator.control, inertia, place,
+                    hold, longest, first, offset, values,
                 )  # fmt: skip
         self.factor = factorise(first, offset, values, SHIFT)
 

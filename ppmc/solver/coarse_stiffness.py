@@ -20,6 +20,7 @@ import numpy as np
 
 from ppmc.compile_cache import njit, prange
 from ppmc.solver.gradient import FAST
+from ppmc.solver.operator import add_bond_block
 
 SIDE = 4  # nodes of a box along an axis: those of a cell and of the cells next to it
 BOX = SIDE**3
@@ -38,10 +39,9 @@ def trilinear(local, phi):
 @njit(cache=True, parallel=True)
 def add_stiffness(
     cells, order, begin, cell_of, site, local, boxes, start, count, index, weight, x, volume, inverse, shear, bulk,
-    fibre, p, control, inertia, place, hold, first, offset, values,
+    fibre, p, control, inertia, place, hold, longest, first, offset, values,
 ):  # fmt: skip
     """Add to the skyline what the particles of `cells` contribute; the boxes of these have no node in common."""
-    longest = max(1, count.max())
     for turn in prange(cells.shape[0]):
         cell = cells[turn]
         matrix = np.zeros((3 * BOX, 3 * BOX))
@@ -103,18 +103,8 @@ def _mean_control(a, d, m, control, p, mean):
     total = 0.0
     mean[:] = 0.0
     for s in range(m):
-        per_r2 = a[s] / (d[0, s] * d[0, s] + d[1, s] * d[1, s] + d[2, s] * d[2, s])
         total += a[s]
-        for c in range(3):
-            mean[c, c] += a[s] * control[0]
-            for e in range(3):
-                mean[c, e] += per_r2 * control[1] * d[c, s] * d[e, s]
-        for k in range(p.shape[0]):
-            pd = p[k, 0] * d[0, s] + p[k, 1] * d[1, s] + p[k, 2] * d[2, s]
-            for c in range(3):
-                nc = p[k, c] * pd - d[c, s] / 3.0
-                for e in range(3):
-                    mean[c, e] += per_r2 * control[2 + k] * nc * (p[k, e] * pd - d[e, s] / 3.0)
+        add_bond_block(mean, a[s], d[:, s], control, p)
     mean /= max(total, 1e-300)
 
 

@@ -24,7 +24,7 @@ import numpy as np
 
 from ppmc.compile_cache import njit, prange
 from ppmc.solver import materials, single_direction
-from ppmc.solver.block_jacobi import multiply_blocks
+from ppmc.solver.block_jacobi import multiply_rows
 from ppmc.solver.contact import Contacts, between_wall_layers
 from ppmc.solver.gradient import moments_and_gradient, velocity_gradient
 from ppmc.solver.implicit import ImplicitIntegrator
@@ -198,7 +198,7 @@ class ExplicitIntegrator(ImplicitIntegrator):
         contacts.active = np.zeros_like(contacts.active)
         contacts.active = contacts.violations(here, dt) > 0.0
         free, held = contacts.constrain(dt)
-        moved = multiply_blocks(free, here) + held
+        moved = multiply_rows(np.arange(len(rows)), free, here.copy()) + held
         _, forces = contacts.reactions((here - moved) / per_mass)
         add_tool_loads(self.model, contacts, forces - friction, state.position[rows], report)
         relative = moved[:, None, :] - contacts.wall_velocity

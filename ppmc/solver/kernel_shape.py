@@ -15,7 +15,7 @@ import numpy as np
 
 from ppmc.compile_cache import njit, prange
 from ppmc.solver.neighbours import Pairs
-from ppmc.solver.small_tensors import diagonalise
+from ppmc.solver.small_tensors import diagonalise, unpack
 
 MOST_ASPECT = 50.0  # of a lattice's axes
 # Share of the strain rate, by which neighbours may leave the affine motion and still count as a lattice; and how many
@@ -132,10 +132,7 @@ def six(tensors: np.ndarray) -> np.ndarray:
 @njit(cache=True)
 def _axes(shape, t, vectors):
     """Eigenvalues of C (6,) on the diagonal of `t`, and its axes."""
-    t[0, 0], t[1, 1], t[2, 2] = shape[0], shape[1], shape[2]
-    t[0, 1] = t[1, 0] = shape[3]
-    t[1, 2] = t[2, 1] = shape[4]
-    t[0, 2] = t[2, 0] = shape[5]
+    unpack(shape, t)
     diagonalise(t, vectors)
 
 

@@ -336,7 +336,8 @@ def _add_gradient_block(block, scale, g, shear, bulk, fibre, p):
 
 
 @njit(cache=True)
-def _add_bond_block(block, scale, d, control, p):
+def add_bond_block(block, scale, d, control, p):
+    """Add to a block (3, 3) the stiffness with which the control (2 + k,) of a particle holds the bond d (3,)."""
     per_r2 = 1.0 / (d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
     for r in range(3):
         block[r, r] += scale * control[0]
@@ -365,12 +366,12 @@ def _diagonal_sweep(start, count, index, weight, x, volume, inverse, first, shea
             a_own = volume[j] * weight[slot]
             a_other = volume[i] * weight[slot]
             own = 1.0 + g[0] * d[0] + g[1] * d[1] + g[2] * d[2]
-            _add_bond_block(block, a_own * own * own, d, control[i], p[i])
+            add_bond_block(block, a_own * own * own, d, control[i], p[i])
             along = 0.0
             for c in range(3):
                 y[c] = a_other * (inverse[j, c, 0] * d[0] + inverse[j, c, 1] * d[1] + inverse[j, c, 2] * d[2])
                 along += y[c] * d[c]
             _add_gradient_block(block, volume[j], y, shear[j], bulk[j], fibre[j], p[j])
-            _add_bond_block(block, a_other * max(0.0, 1.0 - along), d, control[j], p[j])
+            add_bond_block(block, a_other * max(0.0, 1.0 - along), d, control[j], p[j])
         out[i, 0], out[i, 1], out[i, 2] = block[0, 0], block[1, 1], block[2, 2]
         out[i, 3], out[i, 4], out[i, 5] = block[0, 1], block[1, 2], block[0, 2]

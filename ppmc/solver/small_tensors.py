@@ -23,6 +23,15 @@ def symmetric_eigenvalues(a, b, c, d, e, f):
 
 
 @njit(cache=True)
+def unpack(six, out):
+    """Write the symmetric matrix XX, YY, ZZ, XY, YZ, XZ (6,) to `out` (3, 3)."""
+    out[0, 0], out[1, 1], out[2, 2] = six[0], six[1], six[2]
+    out[0, 1] = out[1, 0] = six[3]
+    out[1, 2] = out[2, 1] = six[4]
+    out[0, 2] = out[2, 0] = six[5]
+
+
+@njit(cache=True)
 def diagonalise(t, vectors):
     """Turn the symmetric 3x3 matrix `t` into a diagonal one by Jacobi rotations; columns of `vectors` are its axes."""
     for a in range(3):
