@@ -2,8 +2,10 @@
 
 Cell by cell, everything that can be near its particles is copied side by side, so that the loops over it are long and
 plain; each particle then takes its neighbours from that. Rows depend on the particles alone: cells are visited in one
-order, and particles inside a cell ascend. Distances are taken in single precision from the middle of the cell, twice
-as many at a time, which moves the edge of the list by less than its skin by far.
+order, and particles inside a cell ascend.
+
+Distances are taken in single precision from the middle of the cell, twice as many at a time. Where that could decide
+wrongly, because a distance is as close to the cutoff as rounding can take it, the row is decided in double precision.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -11,18 +13,22 @@ as many at a time, which moves the edge of the list by less than its skin by far
 import numpy as np
 
 from ppmc.compile_cache import njit, prange
+from ppmc.solver.cell_surroundings import places_near, reach_of, runs_near
 from ppmc.solver.cells import Cells
 
 CHUNK = 64  # particles that share their buffers
-EDGE = 5e-5  # of a distance, by which single precision may be wrong
 SPARE = 50  # of an array's length, added in case a later list is longer
+# Largest error of a squared distance in single precision, in parts of the metric's largest entry times the square of
+# the length that places are told over. With u = 2^-24, differences of places are wrong by 3 u a component, which makes
+# 31 u; and the sum of six terms, no larger than three together, by 10 u from the metric, the products and the sum.
+ROUNDING = 64.0 * 2.0**-24
 
 
 def find_neighbours(
-    cells: Cells, radius: float, box: np.ndarray, cutoff: float, inverse_shape: np.ndarray,
+    cells: Cells, radius: float, box: np.ndarray, cutoff: float, inverse_shape: np.ndarray, longest: int = 0,
     room: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Rows of all particles nearer than `cutoff`, and perhaps of a few beyond it by less than a thousandth.
+    """Rows of all particles nearer than `cutoff`.
 
     Parameters
     ----------
@@ -35,6 +41,8 @@ def find_neighbours(
         mm, in the metric.
     inverse_shape : ndarray, shape (n, 6), or (0, 6) for spheres
         Metric of each particle; that of a pair is the mean of both.
+    longest : int
+        Length that rows are likely not to exceed; the search is done twice where one does.
     room : ndarray, optional
         An index that nobody needs any more, to be overwritten.
 
@@ -46,16 +54,23 @@ def find_neighbours(
         Particle numbers, itself left out.
     """
     n = len(cells.order)
-    metric = _in_places(inverse_shape, cells)
-    arguments = (
-        metric, cells.order, cells.cell, cells.points, cells.first, cells.shape, cells.edge, radius,
-        box[cells.axes], np.float32((cutoff * (1.0 + EDGE)) ** 2),
-    )  # fmt: skip
+    axes, (metric, largest) = cells.axes, _in_places(inverse_shape, cells)
+    span = radius + float(cells.edge.max())
+    band = np.array([cutoff**2, ROUNDING * largest * span**2])
     counts, start = np.empty(n, dtype=np.int64), np.zeros(n + 1, dtype=np.int64)
-    _list(*arguments, False, start, np.empty(0, dtype=np.int32), counts)
+    while True:
+        found = np.empty(n * longest, dtype=np.int32)
+        _search(
+            metric, inverse_shape, cells.order, cells.cell, cells.points, axes, cells.first, cells.shape, cells.edge,
+            radius, box[axes], band, longest, found, counts,
+        )  # fmt: skip
+        most = int(counts.max(initial=0))
+        if most <= longest:
+            break
+        longest = most
     np.cumsum(counts, out=start[1:])
     index = room_for(int(start[-1]), np.int32, room)
-    _list(*arguments, True, start, index, counts)
+    _take_rows(cells.order, cells.cell, cells.first, longest, found, start, index)
     return start, index
 
 
@@ -71,14 +86,18 @@ def room_for(count: int, dtype: type, last: np.ndarray | None) -> np.ndarray:
     return room[:count]
 
 
-def _in_places(metric: np.ndarray, cells: Cells) -> np.ndarray:
-    """Half of XX, YY, ZZ, then XY, YZ, XZ of tensors along the axes as the cells count them; (6, n), by places."""
+def _in_places(metric: np.ndarray, cells: Cells) -> tuple[np.ndarray, float]:
+    """Half of XX, YY, ZZ, then XY, YZ, XZ of tensors along the axes as the cells count them, and the largest entry.
+
+    Shape (6, n), by places.
+    """
     axes = cells.axes
     place = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])[np.ix_(axes, axes)]
     out = np.empty((6, len(metric)), dtype=np.float32)
-    if len(metric) > 0:
-        _take_components(metric, cells.order, place[[0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]], out)
-    return out
+    if len(metric) == 0:
+        return out, 1.0
+    _take_components(metric, cells.order, place[[0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]], out)
+    return out, 2.0 * float(out[:3].max())
 
 
 @njit(cache=True, parallel=True)
@@ -86,79 +105,6 @@ def _take_components(metric, order, component, out):
     for slot in prange(order.shape[0]):
         for c in range(6):
             out[c, slot] = (0.5 if c < 3 else 1.0) * metric[order[slot], component[c]]
-
-
-@njit(cache=True)
-def _runs_near(home, first, shape, edge, box, runs):
-    """Write first and last places of the runs of cells that reach within `box` of a home cell; count both."""
-    nx, ny, nz = shape[0], shape[1], shape[2]
-    cx, cy, cz = home % nx, (home // nx) % ny, home // (nx * ny)
-    reach_x, reach_y, reach_z = _reach_of(box[0], edge[0]), _reach_of(box[1], edge[1]), _reach_of(box[2], edge[2])
-    count, places = 0, 0
-    for kz in range(max(cz - reach_z, 0), min(cz + reach_z + 1, nz)):
-        for ky in range(max(cy - reach_y, 0), min(cy + reach_y + 1, ny)):
-            row = (kz * ny + ky) * nx
-            begin, end = first[row + max(cx - reach_x, 0)], first[row + min(cx + reach_x + 1, nx)]
-            if end > begin:
-                runs[count, 0], runs[count, 1] = begin, end
-                count += 1
-                places += end - begin
-    return count, places
-
-
-@njit(cache=True)
-def _reach_of(radius, edge):
-    """Whole cells that a radius may reach beyond the home cell, whatever the rounding."""
-    return int(radius / edge + 1.0 - 1e-6)
-
-
-@njit(cache=True)
-def _middle(p):
-    low, high = p[0], p[0]
-    for k in range(p.shape[0]):
-        low, high = min(low, p[k]), max(high, p[k])
-    return 0.5 * (low + high), 0.5 * (high - low)
-
-
-@njit(cache=True)
-def _box_distances(px, py, pz, x, y, z, half_x, half_y, half_z, box, distance2):
-    more = 1.0 + EDGE
-    box_x, box_y, box_z = more * box[0], more * box[1], more * box[2]
-    for k in range(px.shape[0]):
-        dx, dy, dz = abs(px[k] - x) - half_x, abs(py[k] - y) - half_y, abs(pz[k] - z) - half_z
-        dx, dy, dz = dx if dx > 0.0 else 0.0, dy if dy > 0.0 else 0.0, dz if dz > 0.0 else 0.0
-        squared = dx * dx + dy * dy + dz * dz
-        squared = squared if dx < box_x else np.inf
-        squared = squared if dy < box_y else np.inf
-        distance2[k] = squared if dz < box_z else np.inf
-
-
-@njit(cache=True)
-def _places_within(distance2, limit2, base, places):
-    # Every place is written, and overwritten by the next one if it was too far: a loop without branches flows.
-    count = 0
-    for k in range(distance2.shape[0]):
-        places[count] = base + k
-        count += 1 if distance2[k] < limit2 else 0
-    return count
-
-
-@njit(cache=True)
-def _places_near(runs, begin, end, points, radius, box, distance2, places):
-    """Write the places within `radius`, and `box` along the axes, of the box around the particles `begin` to `end`.
-
-    Return how many, and the middle of that box.
-    """
-    px, py, pz = points[0], points[1], points[2]
-    x, half_x = _middle(px[begin:end])
-    y, half_y = _middle(py[begin:end])
-    z, half_z = _middle(pz[begin:end])
-    limit2, count = (radius * (1.0 + EDGE)) ** 2, 0
-    for r in range(runs.shape[0]):
-        a, b = runs[r, 0], runs[r, 1]
-        _box_distances(px[a:b], py[a:b], pz[a:b], x, y, z, half_x, half_y, half_z, box, distance2)
-        count += _places_within(distance2[: b - a], limit2, a, places[count:])
-    return count, x, y, z
 
 
 @njit(cache=True)
@@ -202,10 +148,17 @@ def _count_within(distance2, cutoff2):
 
 
 @njit(cache=True, parallel=True)
-def _list(g, order, cell, points, first, shape, edge, radius, box, cutoff2, fill, start, index, counts):
+def _search(
+    g, exact, order, cell, points, axes, first, shape, edge, radius, box, band, longest, found, counts
+):  # fmt: skip
+    """Write the rows of each chunk one after the other, from its first place times `longest` on.
+
+    Rows too long for that are counted only.
+    """
     n = order.shape[0]
     sphere = g.shape[1] == 0
-    most_runs = (2 * _reach_of(box[1], edge[1]) + 1) * (2 * _reach_of(box[2], edge[2]) + 1)
+    inner2, outer2 = np.float32(band[0] - band[1]), np.float32(band[0] + band[1])
+    most_runs = (2 * reach_of(box[1], edge[1]) + 1) * (2 * reach_of(box[2], edge[2]) + 1)
     for chunk in prange((n + CHUNK - 1) // CHUNK):
         runs = np.empty((most_runs, 2), dtype=np.int64)
         room = 0
@@ -213,33 +166,36 @@ def _list(g, order, cell, points, first, shape, edge, radius, box, cutoff2, fill
             np.empty((3, room), np.float32), np.empty((6, room), np.float32), np.empty(room, np.float32),
             np.empty(room),
         )  # fmt: skip
-        name, found = np.empty(room, dtype=np.int32), np.empty(room, dtype=np.int32)
+        places, name, row = np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.int32)
         slot, last = chunk * CHUNK, min(n, (chunk + 1) * CHUNK)
+        used = np.int64(-1)
         while slot < last:
             home = cell[order[slot]]
             begin, end = slot, first[home + 1]
             slot = end
             if begin > first[home]:
                 continue  # the chunk before has this cell
-            n_runs, most = _runs_near(home, first, shape, edge, box, runs)
+            if used < 0:
+                used = begin * longest
+            n_runs, most = runs_near(home, first, shape, edge, box, runs)
             if most > room:
                 room = 2 * most
                 near, metric, distance2, away2 = (
                     np.empty((3, room), np.float32), np.empty((6, room), np.float32), np.empty(room, np.float32),
                     np.empty(room),
                 )  # fmt: skip
-                name, found = np.empty(room, dtype=np.int32), np.empty(room, dtype=np.int32)
+                places, name, row = np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.int32)
             # All that can be near the cell's particles, side by side, so that the loops over it are long and plain.
-            m, x0, y0, z0 = _places_near(runs[:n_runs], begin, end, points, radius, box, away2, found)
+            m, x0, y0, z0 = places_near(runs[:n_runs], begin, end, points, radius, box, away2, places)
             own = 0
             for k in range(m):
-                place = found[k]
+                place = places[k]
                 own = k if place == begin else own
                 name[k] = order[place]
                 near[0, k], near[1, k], near[2, k] = points[0, place] - x0, points[1, place] - y0, points[2, place] - z0
             if not sphere:
                 for k in range(m):
-                    place = np.uint32(found[k])
+                    place = np.uint32(places[k])
                     metric[0, k], metric[1, k], metric[2, k] = g[0, place], g[1, place], g[2, place]
                     metric[3, k], metric[4, k], metric[5, k] = g[3, place], g[4, place], g[5, place]
             for place in range(begin, end):
@@ -255,10 +211,60 @@ def _list(g, order, cell, points, first, shape, edge, radius, box, cutoff2, fill
                         metric[2, mine], metric[3, mine], metric[4, mine], metric[5, mine], distance2,
                     )  # fmt: skip
                 distance2[mine] = np.inf
-                if fill:
-                    count = _names_within(distance2[:m], cutoff2, name, found)
-                    row = index[start[i] : start[i + 1]]
+                count = _names_within(distance2[:m], outer2, name, row)
+                if count != _count_within(distance2[:m], inner2):
+                    count = _names_within_exactly(
+                        place, points, axes, exact, order, places[:m], distance2[:m], band[0], outer2, row
+                    )  # fmt: skip
+                counts[i] = count
+                if count <= longest:
                     for k in range(count):
-                        row[k] = found[k]
-                else:
-                    counts[i] = _count_within(distance2[:m], cutoff2)
+                        found[used + k] = row[k]
+                    used += count
+
+
+@njit(cache=True)
+def _names_within_exactly(place, points, axes, g, order, places, distance2, cutoff2, outer2, row):
+    """Do the same as `_names_within`, with what single precision leaves open decided in double precision."""
+    i, count, d = order[place], 0, np.empty(3)
+    for k in range(places.shape[0]):
+        if not distance2[k] < outer2:
+            continue
+        j = order[places[k]]
+        for c in range(3):
+            d[axes[c]] = points[c, places[k]] - points[c, place]
+        if g.shape[0] == 0:
+            squared = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+        else:
+            squared = (
+                0.5 * (g[i, 0] + g[j, 0]) * d[0] * d[0]
+                + 0.5 * (g[i, 1] + g[j, 1]) * d[1] * d[1]
+                + 0.5 * (g[i, 2] + g[j, 2]) * d[2] * d[2]
+                + (g[i, 3] + g[j, 3]) * d[0] * d[1]
+                + (g[i, 4] + g[j, 4]) * d[1] * d[2]
+                + (g[i, 5] + g[j, 5]) * d[0] * d[2]
+            )
+        if squared < cutoff2:
+            row[count] = j
+            count += 1
+    return count
+
+
+@njit(cache=True, parallel=True)
+def _take_rows(order, cell, first, longest, found, start, index):
+    n = order.shape[0]
+    for chunk in prange((n + CHUNK - 1) // CHUNK):
+        slot, last = chunk * CHUNK, min(n, (chunk + 1) * CHUNK)
+        begin = first[cell[order[slot]]]
+        if begin < slot:
+            slot = first[cell[order[slot]] + 1]  # the chunk before has this cell
+        if slot >= last:
+            continue
+        used = slot * longest
+        last = first[cell[order[last - 1]] + 1]
+        for place in range(slot, last):
+            i = order[place]
+            row = index[start[i] : start[i + 1]]
+            for k in range(row.shape[0]):
+                row[k] = found[used + k]
+            used += row.shape[0]

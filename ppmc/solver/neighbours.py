@@ -24,6 +24,7 @@ from ppmc.solver.smoothing import SUPPORT, pair_weight
 
 CHUNK = 64  # rows that share their buffers
 ROWS_A_BLOCK, MOST_BLOCKS = 256, 64
+ROW_SPARE = 4  # candidates by which the longest row may grow from one list to the next without a second search
 WINDOWS = 6  # windows of all blocks together, in particles
 _NO_METRIC = np.empty((0, 6))
 
@@ -163,7 +164,8 @@ def build_list(
     metric = _NO_METRIC if inverse_shape is None else inverse_shape
     box = cutoff * (np.ones(3) if inverse_shape is None else extents(inverse_shape))
     cells = sort_into_cells(positions, box)
-    start, index = find_neighbours(cells, cutoff * reach, box, cutoff, metric, None if last is None else last.index)
+    likely, room = (0, None) if last is None else (last.longest + ROW_SPARE, last.index)
+    start, index = find_neighbours(cells, cutoff * reach, box, cutoff, metric, likely, room)
     del cells
     weight = room_for(len(index), np.float32, None if last is None else last.weight)
     count = np.empty(len(positions), dtype=np.int32)

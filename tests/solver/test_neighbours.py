@@ -31,6 +31,16 @@ CLOUDS = {
 }
 
 
+def stretched(n: int, aspect: float, seed: int) -> np.ndarray:
+    """Shape tensors (n, 6) of unit determinant, axes anyhow, the longest `aspect` times the shortest."""
+    rng = np.random.default_rng(seed)
+    axes = np.linalg.qr(rng.normal(size=(n, 3, 3)))[0]
+    values = aspect ** np.column_stack([np.zeros(n), rng.uniform(0.0, 1.0, n), np.ones(n)])
+    values /= np.cbrt(np.prod(values, axis=1))[:, None]
+    tensors = np.einsum("nab,nb,ncb->nac", axes, values**2, axes)
+    return np.ascontiguousarray(tensors.reshape(-1, 9)[:, [0, 4, 8, 1, 5, 2]])
+
+
 def row(holder: NeighbourList | Pairs, i: int) -> slice:
     end = holder.start[i] + holder.count[i] if isinstance(holder, Pairs) else holder.start[i + 1]
     return slice(holder.start[i], end)
@@ -47,9 +57,9 @@ def test_rows_equal_brute_force(name, ordered):
     for i in range(len(x)):
         listed = neighbours.index[row(neighbours, i)]
         others = np.delete(np.arange(len(x)), i)
-        # Lists are made in single precision; what lies just beyond the cutoff may be listed or not.
-        certain = others[distance[i, others] < CUTOFF]
-        possible = others[distance[i, others] < CUTOFF * (1.0 + 1e-4)]
+        # A pair that lies at the cutoff to the last bit may be listed or not.
+        certain = others[distance[i, others] < CUTOFF * (1.0 - 1e-12)]
+        possible = others[distance[i, others] < CUTOFF * (1.0 + 1e-12)]
         assert len(set(listed)) == len(listed)
         assert set(certain) <= set(listed) <= set(possible)
         weighed = pairs.index[row(pairs, i)]
@@ -78,13 +88,7 @@ def test_rows_in_a_metric_equal_brute_force(longest):
     # Extents differ, so that the cells count the axes in another order than the tensors do.
     size = np.roll([14.0, 9.0, 6.0], longest)
     x = random_cloud(500, tuple(size))
-    rng = np.random.default_rng(5)
-    axes = np.linalg.qr(rng.normal(size=(500, 3, 3)))[0]
-    values = rng.uniform(0.5, 2.0, (500, 3))
-    values /= np.cbrt(np.prod(values, axis=1))[:, None]
-    tensors = np.einsum("nab,nb,ncb->nac", axes, values**2, axes)
-    shape = tensors.reshape(-1, 9)[:, [0, 4, 8, 1, 5, 2]]
-    metric, reach = inverse_shape(np.ascontiguousarray(shape))
+    metric, reach = inverse_shape(stretched(500, 4.0, 5))
     neighbours = build_list(x, CUTOFF, 0.13, metric, reach)
     pairs = weigh_pairs(neighbours, x, H, metric)
     matrix = as_matrix(pairs)
@@ -94,11 +98,35 @@ def test_rows_in_a_metric_equal_brute_force(longest):
     squared = np.einsum("ija,ijab,ijb->ij", d, 0.5 * (inverse[:, None] + inverse[None]), d)
     np.fill_diagonal(squared, np.inf)
     for i in range(len(x)):
-        listed = set(neighbours.index[row(neighbours, i)])
-        assert set(np.flatnonzero(squared[i] < CUTOFF**2)) <= listed
-        assert listed <= set(np.flatnonzero(squared[i] < (CUTOFF * (1.0 + 1e-4)) ** 2))
+        assert sorted(neighbours.index[row(neighbours, i)]) == sorted(np.flatnonzero(squared[i] < CUTOFF**2))
     expected = np.where(squared < (2.0 * H) ** 2, wendland_weight(np.sqrt(squared), H), 0.0)
     np.testing.assert_allclose(matrix, expected, atol=1e-7)
+
+
+@pytest.mark.parametrize("aspect", [None, 1.04, 10.0])
+@pytest.mark.parametrize("closeness", [1e-5, 1e-7, 1e-9, 1e-11])
+def test_pairs_next_to_the_cutoff_are_told_in_double_precision(aspect, closeness):
+    # Sites far apart, a few particles a site: the first sees every other one at the cutoff, give or take `closeness`.
+    rng = np.random.default_rng(11)
+    sites, others = 60, 20
+    shape = np.tile([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], (sites * (others + 1), 1))
+    if aspect is not None:
+        shape = stretched(len(shape), aspect, 12)
+    inverse, reach = inverse_shape(shape)
+    metric = full(inverse).reshape(sites, others + 1, 3, 3)
+    away = rng.normal(size=(sites, others, 3))
+    mean = 0.5 * (metric[:, :1] + metric[:, 1:])
+    away *= (CUTOFF / np.sqrt(np.einsum("sma,smab,smb->sm", away, mean, away)))[..., None]
+    within = rng.uniform(size=(sites, others)) < 0.5
+    away *= np.where(within, 1.0 - closeness, 1.0 + closeness)[..., None]
+    centre = 60.0 * np.stack(np.unravel_index(np.arange(sites), (5, 4, 3)), axis=1) + rng.uniform(0.0, 9.0, (sites, 3))
+    x = np.concatenate([centre[:, None], centre[:, None] + away], axis=1).reshape(-1, 3)
+    neighbours = build_list(x, CUTOFF, 0.13, None if aspect is None else inverse, reach)
+    for first in range(0, len(x), others + 1):
+        listed = neighbours.index[row(neighbours, first)]
+        assert sorted(listed) == sorted(first + 1 + np.flatnonzero(within[first // (others + 1)]))
+        for other in range(first + 1, first + others + 1):
+            assert (other in listed) == (first in neighbours.index[row(neighbours, other)])
 
 
 @pytest.mark.parametrize("metric", [False, True])
@@ -154,14 +182,16 @@ def test_sorting_again_changes_nothing():
 
 
 @pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="needs two threads")
-def test_lists_are_the_same_to_the_last_bit_with_one_and_two_threads():
+@pytest.mark.parametrize("metric", [False, True])
+def test_lists_are_the_same_to_the_last_bit_with_one_and_two_threads(metric):
     x = lattice((14, 12, 12), jitter=0.3)
+    inverse, reach = inverse_shape(stretched(len(x), 1.5, 3)) if metric else (None, 1.0)
     before, found = numba.get_num_threads(), []
     try:
         for threads in (1, 2):
             numba.set_num_threads(threads)
-            neighbours = build_list(x, CUTOFF, 0.13)
-            found.append((neighbours, weigh_pairs(neighbours, x, H)))
+            neighbours = build_list(x, CUTOFF, 0.13, inverse, reach)
+            found.append((neighbours, weigh_pairs(neighbours, x, H, inverse)))
     finally:
         numba.set_num_threads(before)
     (one, weighed_one), (two, weighed_two) = found
