@@ -16,7 +16,7 @@ more to project.
 
 # mypy: disable-error-code="no-untyped-def"
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -29,6 +29,10 @@ from ppmc.solver.operator import Operator
 from ppmc.solver.skyline import SkylineFactor, factorise
 
 CELL = 4.0  # size of a grid cell in particle spacings
+# Values of the factor, a particle and in all: more are not worth their memory, nor the time they take; cells are then
+# made wider, first along the two longer extents only, for unlike plies on each other need theirs.
+MOST_VALUES, FREE_VALUES = 48, 1_000_000
+WIDENING, WIDEST = 1.1, 2.0  # at a time; along the longer extents alone
 FEWEST = 3  # cells across a thin charge, down to five eighths of the size: unlike plies on each other need them
 SHIFT = 1e-9  # of the diagonal, for rigid motions
 
@@ -53,6 +57,8 @@ class CoarseGrid:
         Cell corners, 8 cell + corner, that meet at a node; -1 for none.
     sites : ndarray, shape (nodes, 3), int64
         Number of each node along the axes.
+    first, offset : ndarray
+        Skyline of the grid's stiffness, see :class:`SkylineFactor`.
     factor : SkylineFactor or None
         Factor of the grid's stiffness.
     """
@@ -64,7 +70,12 @@ class CoarseGrid:
     nodes: np.ndarray
     corners: np.ndarray
     sites: np.ndarray
+    first: np.ndarray = field(init=False)
+    offset: np.ndarray = field(init=False)
     factor: SkylineFactor | None = None
+
+    def __post_init__(self) -> None:
+        self.first, self.offset = _profile(self._boxes(), len(self.sites))
 
     def stiffen(self, operator: Operator, inertia: np.ndarray, rows: np.ndarray, hold: np.ndarray) -> None:
         """Assemble and factorise the grid's stiffness.
@@ -82,8 +93,7 @@ class CoarseGrid:
         cell_of = np.empty(len(self.order), dtype=np.int32)
         cell_of[self.order] = np.repeat(np.arange(len(self.nodes)), np.diff(self.start))
         site = self.sites[self.nodes[:, 0]]
-        boxes = self._boxes()
-        first, offset = _profile(boxes, len(self.sites))
+        boxes, first, offset = self._boxes(), self.first, self.offset
         values, pairs = np.zeros(offset[-1]), operator.pairs
         place, longest = places(rows, len(self.order)), max(1, int(pairs.count.max(initial=0)))
         # Cells whose boxes have no node in common, colour by colour: the sums have one order for any thread count.
@@ -125,7 +135,7 @@ def make_grid(positions: np.ndarray, cell: float) -> CoarseGrid:
         mm.
     cell : float
         Wanted size of a cell, mm; the grid fits the extent of the particles with whole cells, narrower ones where a
-        charge is thin.
+        charge is thin, and wider ones where its factor would be large.
 
     Returns
     -------
@@ -136,15 +146,30 @@ def make_grid(positions: np.ndarray, cell: float) -> CoarseGrid:
     ppmc.errors.NumericalError
         If the particles are spread over an implausible number of cells.
     """
-    from scipy.sparse import coo_array, csr_array
-    from scipy.sparse.csgraph import reverse_cuthill_mckee
-
     low, span = positions.min(axis=0), np.ptp(positions, axis=0)
     if not np.prod(span / cell + 1.0) < MAX_CELLS:
         raise NumericalError(
             f"particles are spread over {low} to {low + span} mm: some have been lost; take smaller steps"
             " (solver.max_strain_increment) or look for gaps in the tooling"
         )
+    wanted, most = np.full(3, cell), max(MOST_VALUES * len(positions), FREE_VALUES)
+    longer = np.argsort(span, kind="stable")[1:]
+    while True:
+        grid = _lay(positions, wanted)
+        if grid.offset[-1] <= most:
+            return grid
+        if wanted[longer[0]] * WIDENING <= WIDEST * wanted.min():
+            wanted[longer] *= WIDENING
+        else:
+            wanted *= WIDENING
+
+
+def _lay(positions: np.ndarray, cell: np.ndarray) -> CoarseGrid:
+    """Lay a grid with cells of about the wanted size (3,), mm."""
+    from scipy.sparse import coo_array, csr_array
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+    low, span = positions.min(axis=0), np.ptp(positions, axis=0)
     few = np.minimum(FEWEST, np.floor(1.6 * span / cell))
     shape = np.maximum(np.maximum(np.round(span / cell), few), 1).astype(np.int64)
     size = np.where(span > 0.0, span / shape, cell)

@@ -6,7 +6,7 @@ import pytest
 
 from ppmc.errors import NumericalError
 from ppmc.solver.block_jacobi import multiply_rows, multiply_symmetric, restricted_inverse
-from ppmc.solver.coarse_grid import SHIFT, CoarseGrid, make_grid
+from ppmc.solver.coarse_grid import FREE_VALUES, MOST_VALUES, SHIFT, CoarseGrid, make_grid
 from ppmc.solver.conjugate_gradient import conjugate_gradient
 from ppmc.solver.operator import Operator
 from ppmc.solver.rigid_modes import free_rigid_modes
@@ -230,6 +230,21 @@ def test_free_rigid_modes_between_slip_plates(held, count):
         assert np.abs(operator.apply(np.ascontiguousarray(motions[..., k]))).max() < 1e-9 * stiffness
     assert free_rigid_modes(positions, none, everyone, free, hold + np.eye(3), 1.0).motions.shape[1] == 0
     assert free_rigid_modes(positions, none + 1.0, everyone, free, hold, 1.0).motions.shape[1] == 0
+
+
+@pytest.mark.parametrize(
+    ("shape", "cell", "widened"),
+    [((20, 20, 9), 3.0, ()), ((60, 28, 60), 3.0, (0, 2)), ((70, 60, 50), 2.0, (0, 1, 2))],
+)
+def test_cells_widen_along_the_longer_extents_until_the_factor_is_small(shape, cell, widened):
+    positions = lattice(shape)
+    grid = make_grid(positions, cell)
+    assert grid.offset[-1] <= max(FREE_VALUES, MOST_VALUES * len(positions))
+    assert tuple(np.flatnonzero(grid.size > 1.2 * cell)) == widened
+    # Not by more than needed, and the factor has the size that was foreseen.
+    assert not widened or grid.offset[-1] > 0.4 * MOST_VALUES * len(positions)
+    cells = np.prod([round(np.ptp(positions[:, k]) / grid.size[k]) for k in range(3)])
+    assert len(grid.nodes) == cells
 
 
 def test_grid_refuses_lost_particles():
