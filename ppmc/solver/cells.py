@@ -37,6 +37,8 @@ class Cells:
         Number of cells along these.
     edge, low : ndarray, shape (3,)
         Edges of a cell and lowest corner of the grid along these, mm.
+    in_order : bool
+        Whether the particles were sorted already, so that places are their numbers.
     """
 
     order: np.ndarray
@@ -47,6 +49,7 @@ class Cells:
     shape: np.ndarray
     edge: np.ndarray
     low: np.ndarray
+    in_order: bool
 
 
 def sort_into_cells(positions: np.ndarray, radius: float | np.ndarray) -> Cells:
@@ -84,12 +87,13 @@ def sort_into_cells(positions: np.ndarray, radius: float | np.ndarray) -> Cells:
     _number_cells(positions, low[axes], edge, shape, axes, cell)
     first = np.zeros(int(np.prod(shape)) + 1, dtype=np.int32)
     order, points = np.arange(n, dtype=np.int32), np.empty((3, n))
-    if _is_sorted(cell):
+    in_order = bool(_is_sorted(cell))
+    if in_order:
         _find_first(cell, first)
     else:
         _sort_by_count(cell, first, order)
     _take(positions, axes, order, points)
-    return Cells(order, cell, first, points, axes, shape, edge, low[axes])
+    return Cells(order, cell, first, points, axes, shape, edge, low[axes], in_order)
 
 
 @njit(cache=True, parallel=True)

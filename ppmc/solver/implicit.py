@@ -16,7 +16,7 @@ from ppmc.solver.contact_passes import solve_with_contacts
 from ppmc.solver.gradient import mean_around, moments_and_gradient
 from ppmc.solver.kernel_shape import follow_lattice, inverse_shape, limited, rearrangement_rate, smoothness
 from ppmc.solver.model import Model, StepReport
-from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, cell_order, list_is_stale, weigh_pairs
+from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, cell_order, extents, list_is_stale, weigh_pairs
 from ppmc.solver.operator import Operator, assemble
 from ppmc.solver.smoothing import SUPPORT, pair_weight
 from ppmc.solver.state import ParticleState
@@ -57,8 +57,13 @@ class ImplicitIntegrator:
         ):
             return
         cutoff = SUPPORT * h * (1.0 + SKIN)
-        state.reorder(cell_order(state.position, cutoff))
+        metric, longest = self.metric(state.kernel_shape) if self.affine else (None, 1.0)
+        # Sorted by the very cells that the list is searched with.
+        order = cell_order(state.position, cutoff if metric is None else cutoff * extents(metric))
+        state.reorder(order)
         self.list_shape = state.kernel_shape
+        if self.affine:
+            self.measured = self.list_shape, None if metric is None else metric[order], longest
         self.rebuild_list(state.position)
 
     def rebuild_list(self, positions: np.ndarray) -> None:

@@ -17,6 +17,7 @@ from ppmc.solver.cell_surroundings import places_near, reach_of, runs_near
 from ppmc.solver.cells import Cells
 
 CHUNK = 64  # particles that share their buffers
+PORTION = 16384  # particles whose rows are found before they are moved to where they belong
 SPARE = 50  # of an array's length, added in case a later list is longer
 # Largest error of a squared distance in single precision, in parts of the metric's largest entry times the square of
 # the length that places are told over. With u = 2^-24, differences of places are wrong by 3 u a component, which makes
@@ -58,20 +59,44 @@ def find_neighbours(
     span = radius + float(cells.edge.max())
     band = np.array([cutoff**2, ROUNDING * largest * span**2])
     counts, start = np.empty(n, dtype=np.int64), np.zeros(n + 1, dtype=np.int64)
-    while True:
-        found = np.empty(n * longest, dtype=np.int32)
-        _search(
-            metric, inverse_shape, cells.order, cells.cell, cells.points, axes, cells.first, cells.shape, cells.edge,
-            radius, box[axes], band, longest, found, counts,
-        )  # fmt: skip
-        most = int(counts.max(initial=0))
-        if most <= longest:
-            break
-        longest = most
-    np.cumsum(counts, out=start[1:])
-    index = room_for(int(start[-1]), np.int32, room)
-    _take_rows(cells.order, cells.cell, cells.first, longest, found, start, index)
-    return start, index
+    index = room_for(0, np.int32, room)
+    # Portion by portion, so that rows are still at hand when it is known where they belong.
+    found = np.empty(0, dtype=np.int32)
+    for begin, end in _portions(cells):
+        while True:
+            found = found if len(found) >= (end - begin) * longest else np.empty((end - begin) * longest, np.int32)
+            _search(
+                metric, inverse_shape, cells.order, cells.cell, cells.points, axes, cells.first, cells.shape,
+                cells.edge, radius, box[axes], band, begin, end, longest, found, counts,
+            )  # fmt: skip
+            most = int(counts[begin:end].max(initial=0))
+            if most <= longest:
+                break
+            longest = most
+        np.cumsum(counts[begin:end], out=start[begin + 1 : end + 1])
+        start[begin + 1 : end + 1] += start[begin]
+        index = _longer(index, int(start[begin]), int(start[end]), n / end)
+        _take_rows(cells.order, cells.cell, cells.first, begin, end, longest, found, start, index)
+    return start, index[: start[-1]]
+
+
+def _portions(cells: Cells) -> list[tuple[int, int]]:
+    """First and last places of portions of whole cells: one of all where rows do not follow in the order of places."""
+    n = len(cells.order)
+    if not cells.in_order:
+        return [(0, n)]
+    begin = np.unique(np.append(cells.first[cells.cell[::PORTION]], n))
+    return list(zip(begin[:-1].tolist(), begin[1:].tolist(), strict=True))
+
+
+def _longer(index: np.ndarray, used: int, needed: int, share: float) -> np.ndarray:
+    """Room for the `needed` values of so many portions, in a longer array if need be, with those `used` kept."""
+    room = index if index.base is None else index.base
+    if len(room) >= needed:
+        return room
+    longer = np.empty(int(needed * share * (1.0 + 1.0 / SPARE)) + 1, dtype=index.dtype)
+    longer[:used] = room[:used]
+    return longer
 
 
 def room_for(count: int, dtype: type, last: np.ndarray | None) -> np.ndarray:
@@ -149,17 +174,16 @@ def _count_within(distance2, cutoff2):
 
 @njit(cache=True, parallel=True)
 def _search(
-    g, exact, order, cell, points, axes, first, shape, edge, radius, box, band, longest, found, counts
+    g, exact, order, cell, points, axes, first, shape, edge, radius, box, band, low, high, longest, found, counts
 ):  # fmt: skip
-    """Write the rows of each chunk one after the other, from its first place times `longest` on.
+    """Write the rows of places from `low` to `high`, those of a chunk one after the other.
 
-    Rows too long for that are counted only.
+    They begin at `longest` times the chunk's first place; rows longer than that are counted only.
     """
-    n = order.shape[0]
     sphere = g.shape[1] == 0
     inner2, outer2 = np.float32(band[0] - band[1]), np.float32(band[0] + band[1])
     most_runs = (2 * reach_of(box[1], edge[1]) + 1) * (2 * reach_of(box[2], edge[2]) + 1)
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
+    for chunk in prange((high - low + CHUNK - 1) // CHUNK):
         runs = np.empty((most_runs, 2), dtype=np.int64)
         room = 0
         near, metric, distance2, away2 = (
@@ -167,7 +191,7 @@ def _search(
             np.empty(room),
         )  # fmt: skip
         places, name, row = np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.int32)
-        slot, last = chunk * CHUNK, min(n, (chunk + 1) * CHUNK)
+        slot, last = low + chunk * CHUNK, min(high, low + (chunk + 1) * CHUNK)
         used = np.int64(-1)
         while slot < last:
             home = cell[order[slot]]
@@ -176,7 +200,7 @@ def _search(
             if begin > first[home]:
                 continue  # the chunk before has this cell
             if used < 0:
-                used = begin * longest
+                used = (begin - low) * longest
             n_runs, most = runs_near(home, first, shape, edge, box, runs)
             if most > room:
                 room = 2 * most
@@ -251,17 +275,13 @@ def _names_within_exactly(place, points, axes, g, order, places, distance2, cuto
 
 
 @njit(cache=True, parallel=True)
-def _take_rows(order, cell, first, longest, found, start, index):
-    n = order.shape[0]
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        slot, last = chunk * CHUNK, min(n, (chunk + 1) * CHUNK)
-        begin = first[cell[order[slot]]]
-        if begin < slot:
-            slot = first[cell[order[slot]] + 1]  # the chunk before has this cell
-        if slot >= last:
-            continue
-        used = slot * longest
-        last = first[cell[order[last - 1]] + 1]
+def _take_rows(order, cell, first, low, high, longest, found, start, index):
+    for chunk in prange((high - low + CHUNK - 1) // CHUNK):
+        slot, last = low + chunk * CHUNK, min(high, low + (chunk + 1) * CHUNK)
+        home = cell[order[slot]]
+        slot = slot if first[home] == slot else first[home + 1]  # the chunk before has a cell that it began
+        used = (slot - low) * longest
+        last = first[cell[order[last - 1]] + 1] if slot < last else slot
         for place in range(slot, last):
             i = order[place]
             row = index[start[i] : start[i + 1]]

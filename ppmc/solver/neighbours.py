@@ -114,15 +114,16 @@ class NeighbourList:
     blocks: Blocks
 
 
-def cell_order(positions: np.ndarray, cutoff: float) -> np.ndarray:
+def cell_order(positions: np.ndarray, cutoff: float | np.ndarray) -> np.ndarray:
     """Permutation that sorts particles by the cells that :func:`build_list` searches, stable inside a cell.
 
     Parameters
     ----------
     positions : ndarray, shape (n, 3)
         Particle centres, mm.
-    cutoff : float
-        Distance, mm, within which neighbours are to be found.
+    cutoff : float, or ndarray, shape (3,)
+        Distance, mm, within which neighbours are to be found, along all axes or each: of a list in a metric, its cutoff
+        times the :func:`extents`.
 
     Returns
     -------

@@ -3,6 +3,8 @@
 import numba
 import numpy as np
 import pytest
+from scipy.sparse import coo_array, csr_array
+from scipy.spatial import cKDTree
 
 from ppmc.solver.kernel_shape import full, inverse_shape
 from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, cell_order, weigh_pairs
@@ -162,6 +164,21 @@ def test_a_list_takes_the_room_of_the_last_one():
     longer = build_list(0.8 * x, CUTOFF, 0.13, last=again)
     assert not np.shares_memory(longer.index, again.index)
     np.testing.assert_array_equal(longer.index, build_list(0.8 * x, CUTOFF, 0.13).index)
+
+
+def test_rows_of_many_particles_equal_those_of_a_tree():
+    # More than are listed at a time, surfaces first; then closer together, in room that is too short.
+    x = lattice((70, 18, 18), jitter=0.3)
+    last = None
+    for scale in (1.0, 0.93):
+        points = scale * x
+        points = points[cell_order(points, CUTOFF)]
+        last = build_list(points, CUTOFF, 0.13, last=last)
+        near = cKDTree(points).query_pairs(CUTOFF, output_type="ndarray")
+        expected = coo_array((np.ones(len(near)), near.T), shape=(len(x), len(x)))
+        expected = (expected + expected.T).tocsr()
+        found = csr_array((np.ones(len(last.index)), last.index, last.start), shape=expected.shape)
+        assert abs(found - expected).sum() == 0.0
 
 
 def test_order_keeps_neighbours_close_along_the_longest_extent():
