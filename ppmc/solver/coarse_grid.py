@@ -32,7 +32,7 @@ CELL = 4.0  # size of a grid cell in particle spacings
 # Values of the factor, a particle and in all: more are not worth their memory, nor the time they take; cells are then
 # made wider, first along the two longer extents only, for unlike plies on each other need theirs.
 MOST_VALUES, FREE_VALUES = 48, 1_000_000
-WIDENING, WIDEST = 1.1, 2.0  # at a time; along the longer extents alone
+WIDENING, WIDEST = 1.02, 2.0  # at least, at a time; along the longer extents alone
 FEWEST = 3  # cells across a thin charge, down to five eighths of the size: unlike plies on each other need them
 SHIFT = 1e-9  # of the diagonal, for rigid motions
 
@@ -158,8 +158,10 @@ def make_grid(positions: np.ndarray, cell: float) -> CoarseGrid:
         grid = _lay(positions, wanted)
         if grid.offset[-1] <= most:
             return grid
-        if wanted[longer[0]] * WIDENING <= WIDEST * wanted.min():
-            wanted[longer] *= WIDENING
+        # Values are as nodes times those of a cross-section; a little less than that asks for, so as not to pass by.
+        factor = max(WIDENING, 0.95 * np.cbrt(grid.offset[-1] / most))
+        if wanted[longer[0]] < WIDEST * wanted.min():
+            wanted[longer] = np.minimum(factor * wanted[longer], WIDEST * wanted.min())
         else:
             wanted *= WIDENING
 
