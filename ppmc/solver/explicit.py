@@ -33,6 +33,7 @@ from ppmc.solver.model import StepReport
 from ppmc.solver.neighbours import Pairs
 from ppmc.solver.operator import Operator, assemble
 from ppmc.solver.power import material_power
+from ppmc.solver.reactions import add_reactions
 from ppmc.solver.reductions import dot
 from ppmc.solver.tool_loads import add_tool_loads
 from ppmc.solver.tools import RATE_MEMORY
@@ -269,7 +270,7 @@ def _opposing_force(operator: Operator, velocities: np.ndarray, stress: np.ndarr
         operator.shear, operator.bulk, operator.fibre, operator.directions, operator.control, velocities,
         int(pairs.count.max(initial=0)), blocks.rows, blocks.low, blocks.offset, window, out, stress,
     )  # fmt: skip
-    single_direction.add_reactions(blocks.rows, blocks.low, blocks.offset, window, out)
+    add_reactions(blocks.rows, blocks.low, blocks.offset, window, out)
     return out
 
 

@@ -41,7 +41,7 @@ def find_neighbours(
     cutoff : float
         mm, in the metric.
     inverse_shape : ndarray, shape (n, 6), or (0, 6) for spheres
-        Metric of each particle; that of a pair is the mean of both.
+        Metric of each particle, in which its own row is listed: i may see j where j does not see i.
     longest : int
         Length that rows are likely not to exceed; the search is done twice where one does.
     room : ndarray, optional
@@ -112,7 +112,7 @@ def room_for(count: int, dtype: type, last: np.ndarray | None) -> np.ndarray:
 
 
 def _in_places(metric: np.ndarray, cells: Cells) -> tuple[np.ndarray, float]:
-    """Half of XX, YY, ZZ, then XY, YZ, XZ of tensors along the axes as the cells count them, and the largest entry.
+    """XX, YY, ZZ, then twice XY, YZ, XZ of tensors along the axes as the cells count them, and the largest entry.
 
     Shape (6, n), by places.
     """
@@ -122,14 +122,14 @@ def _in_places(metric: np.ndarray, cells: Cells) -> tuple[np.ndarray, float]:
     if len(metric) == 0:
         return out, 1.0
     _take_components(metric, cells.order, place[[0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]], out)
-    return out, 2.0 * float(out[:3].max())
+    return out, float(out[:3].max())
 
 
 @njit(cache=True, parallel=True)
 def _take_components(metric, order, component, out):
     for slot in prange(order.shape[0]):
         for c in range(6):
-            out[c, slot] = (0.5 if c < 3 else 1.0) * metric[order[slot], component[c]]
+            out[c, slot] = (1.0 if c < 3 else 2.0) * metric[order[slot], component[c]]
 
 
 @njit(cache=True)
@@ -140,18 +140,10 @@ def _distances(px, py, pz, x, y, z, distance2):
 
 
 @njit(cache=True)
-def _metric_distances(px, py, pz, xx, yy, zz, xy, yz, xz, x, y, z, a, b, c, d, e, f, distance2):
-    # One array a component, each known to be contiguous, or the loop does not vectorise.
+def _metric_distances(px, py, pz, x, y, z, xx, yy, zz, xy, yz, xz, distance2):
     for k in range(px.shape[0]):
         dx, dy, dz = px[k] - x, py[k] - y, pz[k] - z
-        distance2[k] = (
-            (a + xx[k]) * (dx * dx)
-            + (b + yy[k]) * (dy * dy)
-            + (c + zz[k]) * (dz * dz)
-            + (d + xy[k]) * (dx * dy)
-            + (e + yz[k]) * (dy * dz)
-            + (f + xz[k]) * (dx * dz)
-        )
+        distance2[k] = dx * (xx * dx + xy * dy + xz * dz) + dy * (yy * dy + yz * dz) + zz * dz * dz
 
 
 @njit(cache=True)
@@ -186,10 +178,7 @@ def _search(
     for chunk in prange((high - low + CHUNK - 1) // CHUNK):
         runs = np.empty((most_runs, 2), dtype=np.int64)
         room = 0
-        near, metric, distance2, away2 = (
-            np.empty((3, room), np.float32), np.empty((6, room), np.float32), np.empty(room, np.float32),
-            np.empty(room),
-        )  # fmt: skip
+        near, distance2, away2 = np.empty((3, room), np.float32), np.empty(room, np.float32), np.empty(room)
         places, name, row = np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.int32)
         slot, last = low + chunk * CHUNK, min(high, low + (chunk + 1) * CHUNK)
         used = np.int64(-1)
@@ -204,10 +193,7 @@ def _search(
             n_runs, most = runs_near(home, first, shape, edge, box, runs)
             if most > room:
                 room = 2 * most
-                near, metric, distance2, away2 = (
-                    np.empty((3, room), np.float32), np.empty((6, room), np.float32), np.empty(room, np.float32),
-                    np.empty(room),
-                )  # fmt: skip
+                near, distance2, away2 = np.empty((3, room), np.float32), np.empty(room, np.float32), np.empty(room)
                 places, name, row = np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.int32)
             # All that can be near the cell's particles, side by side, so that the loops over it are long and plain.
             m, x0, y0, z0 = places_near(runs[:n_runs], begin, end, points, radius, box, away2, places)
@@ -217,11 +203,6 @@ def _search(
                 own = k if place == begin else own
                 name[k] = order[place]
                 near[0, k], near[1, k], near[2, k] = points[0, place] - x0, points[1, place] - y0, points[2, place] - z0
-            if not sphere:
-                for k in range(m):
-                    place = np.uint32(places[k])
-                    metric[0, k], metric[1, k], metric[2, k] = g[0, place], g[1, place], g[2, place]
-                    metric[3, k], metric[4, k], metric[5, k] = g[3, place], g[4, place], g[5, place]
             for place in range(begin, end):
                 i = order[place]
                 mine = own + place - begin
@@ -230,9 +211,8 @@ def _search(
                     _distances(near[0, :m], near[1, :m], near[2, :m], x, y, z, distance2)
                 else:
                     _metric_distances(
-                        near[0, :m], near[1, :m], near[2, :m], metric[0, :m], metric[1, :m], metric[2, :m],
-                        metric[3, :m], metric[4, :m], metric[5, :m], x, y, z, metric[0, mine], metric[1, mine],
-                        metric[2, mine], metric[3, mine], metric[4, mine], metric[5, mine], distance2,
+                        near[0, :m], near[1, :m], near[2, :m], x, y, z, g[0, place], g[1, place], g[2, place],
+                        g[3, place], g[4, place], g[5, place], distance2,
                     )  # fmt: skip
                 distance2[mine] = np.inf
                 count = _names_within(distance2[:m], outer2, name, row)
@@ -260,14 +240,8 @@ def _names_within_exactly(place, points, axes, g, order, places, distance2, cuto
         if g.shape[0] == 0:
             squared = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
         else:
-            squared = (
-                0.5 * (g[i, 0] + g[j, 0]) * d[0] * d[0]
-                + 0.5 * (g[i, 1] + g[j, 1]) * d[1] * d[1]
-                + 0.5 * (g[i, 2] + g[j, 2]) * d[2] * d[2]
-                + (g[i, 3] + g[j, 3]) * d[0] * d[1]
-                + (g[i, 4] + g[j, 4]) * d[1] * d[2]
-                + (g[i, 5] + g[j, 5]) * d[0] * d[2]
-            )
+            squared = g[i, 0] * d[0] * d[0] + g[i, 1] * d[1] * d[1] + g[i, 2] * d[2] * d[2]
+            squared += 2.0 * (g[i, 3] * d[0] * d[1] + g[i, 4] * d[1] * d[2] + g[i, 5] * d[0] * d[2])
         if squared < cutoff2:
             row[count] = j
             count += 1

@@ -1,8 +1,14 @@
 """Cell-sorted particles and neighbour lists with a skin.
 
-The list is *full* (every pair appears in both rows) and its order is fixed by the particle order alone: cells are
-visited in one order, particles inside a cell ascend. All later sums gather over a row, so results are bit-identical
-for any thread count.
+Each row holds what its own particle sees, in its own metric: between kernels of one shape every pair appears in both
+rows, between others one may see what does not see it. The order is fixed by the particle order alone: cells are visited
+in one order, particles inside a cell ascend. All later sums run over a row, so results are bit-identical for any thread
+count.
+
+Why not the mean of two metrics, which would make all weights symmetric? The rate of the packing that a particle sees in
+its own kernel is -tr(G L M), with the metric G, and M is proportional to the inverse of G where neighbours are evenly
+spread: a flow without divergence keeps the packing. With the weights of mean metrics the gradient L is another sum than
+that rate, and a solve that holds its trace at zero is free to pack the charge: a bracket's flanges lacked a third.
 
 Rows of :class:`NeighbourList` hold candidates within the cutoff; :class:`Pairs` holds, for one set of positions,
 those with a weight, so that the operator never tests a distance. Both share their arrays, which are most of what a run
@@ -63,9 +69,9 @@ class Pairs:
         Number of neighbours with a positive weight: the first of each row.
     index : ndarray, shape (slots,), int32
     weight : ndarray, shape (slots,), float32
-        Pair weight omega_ij, 1/mm^5; symmetric to the last bit. Moments, gradients and forces that share their weights
-        are exact for linear fields and adjoint whatever these are, so that single precision costs nothing but a
-        change of the kernel in its seventh digit.
+        Pair weight omega_ij, 1/mm^5, in the kernel of the row's particle. Moments, gradients and forces that share
+        their weights are exact for linear fields and adjoint whatever these are, so that single precision costs
+        nothing but a change of the kernel in its seventh digit.
     blocks : Blocks
         Blocks of rows, as in the list.
     moments : tuple of ndarray, optional
@@ -176,10 +182,7 @@ def build_list(
 
 
 def extents(inverse_shape: np.ndarray) -> np.ndarray:
-    """Largest half-widths along x, y and z of ellipsoids with inverse shape tensors (n, 6); shape (3,).
-
-    In the mean of two metrics a pair is no nearer than in one of them, so nothing within reach lies beyond.
-    """
+    """Largest half-widths along x, y and z of ellipsoids with inverse shape tensors (n, 6); shape (3,)."""
     out = np.zeros(3)
     _extents(inverse_shape, out)
     return np.sqrt(out)
@@ -204,8 +207,8 @@ def weigh_pairs(
     smoothing_length : float
         h, mm.
     inverse_shape : ndarray, shape (n, 6), optional
-        Inverse kernel shape tensors (XX, YY, ZZ, XY, YZ, XZ), dimensionless; spheres if left out. The mean of both
-        particles' tensors is the metric of the pair.
+        Inverse kernel shape tensors (XX, YY, ZZ, XY, YZ, XZ), dimensionless; spheres if left out. Each row is weighed
+        in the metric of its own particle.
 
     Returns
     -------
@@ -301,14 +304,7 @@ def _metric_distances(x, g, i, names, distance2):
     for s in range(names.shape[0]):
         j = np.uint32(names[s])
         d0, d1, d2 = x[j, 0] - x0, x[j, 1] - x1, x[j, 2] - x2
-        distance2[s] = (
-            0.5 * (g0 + g[j, 0]) * d0 * d0
-            + 0.5 * (g1 + g[j, 1]) * d1 * d1
-            + 0.5 * (g2 + g[j, 2]) * d2 * d2
-            + (g3 + g[j, 3]) * d0 * d1
-            + (g4 + g[j, 4]) * d1 * d2
-            + (g5 + g[j, 5]) * d0 * d2
-        )
+        distance2[s] = g0 * d0 * d0 + g1 * d1 * d1 + g2 * d2 * d2 + 2.0 * (g3 * d0 * d1 + g4 * d1 * d2 + g5 * d0 * d2)
 
 
 # One comparison leaves out what lies at the edge or beyond and what lies at the same point, which has no direction.

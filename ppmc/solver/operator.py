@@ -26,6 +26,7 @@ from ppmc.compile_cache import njit, prange
 from ppmc.solver import single_direction
 from ppmc.solver.gradient import moment_inverses
 from ppmc.solver.neighbours import Pairs
+from ppmc.solver.reactions import add_reactions
 
 
 @dataclass
@@ -68,32 +69,21 @@ class Operator:
 
     def apply(self, velocities: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Return A v, shape (n, 3), Pa mm^2: the force that the material opposes to the motion."""
-        n = len(velocities)
-        out = np.empty((n, 3)) if out is None else out
-        p = self.pairs
+        out = np.empty_like(velocities) if out is None else out
+        p, blocks, window = self.pairs, self.pairs.blocks, self._windows()
         if self.directions.shape[1] <= 1:
-            blocks = p.blocks
-            if not self._work:
-                self._work = [np.empty((int(blocks.offset[-1]), 3))]
-            window = self._work[0]
             single_direction.stress_sweep(
                 p.start, p.count, p.index, p.weight, self.positions, self.volumes, self.inverse, self.shear, self.bulk,
                 self.fibre, self.directions, self.control, velocities, int(p.count.max(initial=0)),
                 blocks.rows, blocks.low, blocks.offset, window, out,
             )  # fmt: skip
-            single_direction.add_reactions(blocks.rows, blocks.low, blocks.offset, window, out)
-            return out
-        if not self._work:
-            self._work = [np.empty((n, 3, 3)), np.empty((n, 3, 3))]
-        gradient, traction = self._work
-        _stress_sweep(
-            p.start, p.count, p.index, p.weight, self.positions, self.volumes, self.inverse, self.first, self.shear,
-            self.bulk, self.fibre, self.directions, self.control, velocities, gradient, traction, out,
-        )  # fmt: skip
-        _force_sweep(
-            p.start, p.count, p.index, p.weight, self.positions, self.volumes, self.directions, self.control,
-            velocities, gradient, traction, out,
-        )  # fmt: skip
+        else:
+            _stress_sweep(
+                p.start, p.count, p.index, p.weight, self.positions, self.volumes, self.inverse, self.shear, self.bulk,
+                self.fibre, self.directions, self.control, velocities, int(p.count.max(initial=0)),
+                blocks.rows, blocks.low, blocks.offset, window, out,
+            )  # fmt: skip
+        add_reactions(blocks.rows, blocks.low, blocks.offset, window, out)
         return out
 
     def stress_force(self, stress: np.ndarray) -> np.ndarray:
@@ -104,24 +94,33 @@ class Operator:
         stress : ndarray, shape (n, 3, 3)
             S_i = V_i sigma_i, symmetric, Pa mm^3.
         """
-        traction = stress @ self.inverse
-        out = np.empty_like(self.positions)
-        p = self.pairs
-        _traction_sweep(p.start, p.count, p.index, p.weight, self.positions, self.volumes, self.first, traction, out)
-        return out
+        return self._traction_force(stress @ self.inverse)
 
     def pressure_force(self, stress: np.ndarray) -> np.ndarray:
         """Return the same for isotropic stresses, shape (n,), Pa mm^3."""
-        traction = stress[:, None, None] * self.inverse
-        out = np.empty_like(self.positions)
-        p = self.pairs
-        _traction_sweep(p.start, p.count, p.index, p.weight, self.positions, self.volumes, self.first, traction, out)
+        return self._traction_force(stress[:, None, None] * self.inverse)
+
+    def _traction_force(self, traction: np.ndarray) -> np.ndarray:
+        out, p, blocks, window = np.empty_like(self.positions), self.pairs, self.pairs.blocks, self._windows()
+        _traction_sweep(
+            p.start, p.count, p.index, p.weight, self.positions, self.volumes, traction,
+            blocks.rows, blocks.low, blocks.offset, window, out,
+        )  # fmt: skip
+        add_reactions(blocks.rows, blocks.low, blocks.offset, window, out)
         return out
+
+    def _windows(self) -> np.ndarray:
+        # Made with the first product, and kept for the others.
+        if not self._work:
+            self._work = [np.empty((int(self.pairs.blocks.offset[-1]), 3))]
+        return self._work[0]
 
     def diagonal(self) -> np.ndarray:
         """Return the 3x3 diagonal blocks as XX, YY, ZZ, XY, YZ, XZ, shape (n, 6), Pa s mm.
 
-        Exact but for the direction-weighted part of the neighbours' zero-energy control, which is taken bond by bond.
+        Exact but for two parts that come from the neighbours' energies: the direction-weighted zero-energy control is
+        taken bond by bond, and a neighbour is taken to see the particle with the weight with which it is seen, as it
+        does where kernels are alike.
         """
         out = np.empty((len(self.positions), 6))
         p = self.pairs
@@ -159,164 +158,147 @@ def assemble(
 
 @njit(cache=True, parallel=True)
 def _stress_sweep(
-    start, count, index, weight, x, volume, inverse, first, shear, bulk, fibre, p, control, v, gradient, traction, out
-):
+    start, count, index, weight, x, volume, inverse, shear, bulk, fibre, p, control, v, longest,
+    rows, low, offset, window, out,
+):  # fmt: skip
+    # As ppmc.solver.single_direction.stress_sweep, for any number of directions.
     n_directions = p.shape[1]
-    for i in prange(x.shape[0]):
-        x0, x1, x2 = x[i, 0], x[i, 1], x[i, 2]
-        v0, v1, v2 = v[i, 0], v[i, 1], v[i, 2]
-        g00, g01, g02, g10, g11, g12, g20, g21, g22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for slot in range(start[i], start[i] + count[i]):
-            j = index[slot]
-            a = volume[j] * weight[slot]
-            d0, d1, d2 = x[j, 0] - x0, x[j, 1] - x1, x[j, 2] - x2
-            w0, w1, w2 = a * (v[j, 0] - v0), a * (v[j, 1] - v1), a * (v[j, 2] - v2)
-            g00 += w0 * d0
-            g01 += w0 * d1
-            g02 += w0 * d2
-            g10 += w1 * d0
-            g11 += w1 * d1
-            g12 += w1 * d2
-            g20 += w2 * d0
-            g21 += w2 * d1
-            g22 += w2 * d2
-        m = inverse[i]
-        l00 = g00 * m[0, 0] + g01 * m[1, 0] + g02 * m[2, 0]
-        l01 = g00 * m[0, 1] + g01 * m[1, 1] + g02 * m[2, 1]
-        l02 = g00 * m[0, 2] + g01 * m[1, 2] + g02 * m[2, 2]
-        l10 = g10 * m[0, 0] + g11 * m[1, 0] + g12 * m[2, 0]
-        l11 = g10 * m[0, 1] + g11 * m[1, 1] + g12 * m[2, 1]
-        l12 = g10 * m[0, 2] + g11 * m[1, 2] + g12 * m[2, 2]
-        l20 = g20 * m[0, 0] + g21 * m[1, 0] + g22 * m[2, 0]
-        l21 = g20 * m[0, 1] + g21 * m[1, 1] + g22 * m[2, 1]
-        l22 = g20 * m[0, 2] + g21 * m[1, 2] + g22 * m[2, 2]
-        third = (l00 + l11 + l22) / 3.0
-        xy, yz, xz = 0.5 * (l01 + l10), 0.5 * (l12 + l21), 0.5 * (l02 + l20)
-        eta2 = 2.0 * shear[i]
-        hydro = 3.0 * bulk[i] * third
-        s00, s11, s22 = eta2 * (l00 - third) + hydro, eta2 * (l11 - third) + hydro, eta2 * (l22 - third) + hydro
-        s01, s12, s02 = eta2 * xy, eta2 * yz, eta2 * xz
-        for k in range(n_directions):
-            p0, p1, p2 = p[i, k, 0], p[i, k, 1], p[i, k, 2]
-            along = (
-                l00 * p0 * p0 + l11 * p1 * p1 + l22 * p2 * p2
-                + 2.0 * (xy * p0 * p1 + yz * p1 * p2 + xz * p0 * p2) - third
-            )  # fmt: skip
-            along *= fibre[i, k]
-            s00 += along * (p0 * p0 - 1.0 / 3.0)
-            s11 += along * (p1 * p1 - 1.0 / 3.0)
-            s22 += along * (p2 * p2 - 1.0 / 3.0)
-            s01 += along * p0 * p1
-            s12 += along * p1 * p2
-            s02 += along * p0 * p2
-
-        # Second pass over the same row: zero-energy force of i's own energy.
-        c_iso, c_bond = control[i, 0], control[i, 1]
-        q00, q01, q02, q10, q11, q12, q20, q21, q22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        f0, f1, f2 = 0.0, 0.0, 0.0
-        for slot in range(start[i], start[i] + count[i]):
-            j = index[slot]
-            a = volume[j] * weight[slot]
-            d0, d1, d2 = x[j, 0] - x0, x[j, 1] - x1, x[j, 2] - x2
-            e0 = v[j, 0] - v0 - (l00 * d0 + l01 * d1 + l02 * d2)
-            e1 = v[j, 1] - v1 - (l10 * d0 + l11 * d1 + l12 * d2)
-            e2 = v[j, 2] - v2 - (l20 * d0 + l21 * d1 + l22 * d2)
-            per_r2 = 1.0 / (d0 * d0 + d1 * d1 + d2 * d2)
-            bond = c_bond * (d0 * e0 + d1 * e1 + d2 * e2)
-            h0, h1, h2 = bond * d0, bond * d1, bond * d2
+    for block in prange(rows.shape[0] - 1):
+        window[offset[block] : offset[block + 1]] = 0.0
+        shift = offset[block] - low[block]
+        held, t = np.empty((longest, 3)), np.empty((3, 3))
+        for i in range(rows[block], rows[block + 1]):
+            x0, x1, x2 = x[i, 0], x[i, 1], x[i, 2]
+            v0, v1, v2 = v[i, 0], v[i, 1], v[i, 2]
+            g00, g01, g02, g10, g11, g12, g20, g21, g22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for slot in range(start[i], start[i] + count[i]):
+                j = index[slot]
+                a = volume[j] * weight[slot]
+                d0, d1, d2 = x[j, 0] - x0, x[j, 1] - x1, x[j, 2] - x2
+                w0, w1, w2 = a * (v[j, 0] - v0), a * (v[j, 1] - v1), a * (v[j, 2] - v2)
+                g00 += w0 * d0
+                g01 += w0 * d1
+                g02 += w0 * d2
+                g10 += w1 * d0
+                g11 += w1 * d1
+                g12 += w1 * d2
+                g20 += w2 * d0
+                g21 += w2 * d1
+                g22 += w2 * d2
+            m = inverse[i]
+            l00 = g00 * m[0, 0] + g01 * m[1, 0] + g02 * m[2, 0]
+            l01 = g00 * m[0, 1] + g01 * m[1, 1] + g02 * m[2, 1]
+            l02 = g00 * m[0, 2] + g01 * m[1, 2] + g02 * m[2, 2]
+            l10 = g10 * m[0, 0] + g11 * m[1, 0] + g12 * m[2, 0]
+            l11 = g10 * m[0, 1] + g11 * m[1, 1] + g12 * m[2, 1]
+            l12 = g10 * m[0, 2] + g11 * m[1, 2] + g12 * m[2, 2]
+            l20 = g20 * m[0, 0] + g21 * m[1, 0] + g22 * m[2, 0]
+            l21 = g20 * m[0, 1] + g21 * m[1, 1] + g22 * m[2, 1]
+            l22 = g20 * m[0, 2] + g21 * m[1, 2] + g22 * m[2, 2]
+            third = (l00 + l11 + l22) / 3.0
+            xy, yz, xz = 0.5 * (l01 + l10), 0.5 * (l12 + l21), 0.5 * (l02 + l20)
+            eta2 = 2.0 * shear[i]
+            hydro = 3.0 * bulk[i] * third
+            s00, s11, s22 = eta2 * (l00 - third) + hydro, eta2 * (l11 - third) + hydro, eta2 * (l22 - third) + hydro
+            s01, s12, s02 = eta2 * xy, eta2 * yz, eta2 * xz
             for k in range(n_directions):
                 p0, p1, p2 = p[i, k, 0], p[i, k, 1], p[i, k, 2]
-                pd = p0 * d0 + p1 * d1 + p2 * d2
-                n0, n1, n2 = p0 * pd - d0 / 3.0, p1 * pd - d1 / 3.0, p2 * pd - d2 / 3.0
-                along = control[i, 2 + k] * (n0 * e0 + n1 * e1 + n2 * e2)
-                h0 += along * n0
-                h1 += along * n1
-                h2 += along * n2
-            h0, h1, h2 = a * (c_iso * e0 + per_r2 * h0), a * (c_iso * e1 + per_r2 * h1), a * (c_iso * e2 + per_r2 * h2)
-            f0 -= h0
-            f1 -= h1
-            f2 -= h2
-            q00 += h0 * d0
-            q01 += h0 * d1
-            q02 += h0 * d2
-            q10 += h1 * d0
-            q11 += h1 * d1
-            q12 += h1 * d2
-            q20 += h2 * d0
-            q21 += h2 * d1
-            q22 += h2 * d2
-        vol = volume[i]
-        q00, q01, q02 = vol * s00 - q00, vol * s01 - q01, vol * s02 - q02
-        q10, q11, q12 = vol * s01 - q10, vol * s11 - q11, vol * s12 - q12
-        q20, q21, q22 = vol * s02 - q20, vol * s12 - q21, vol * s22 - q22
-        t = traction[i]
-        for c in range(3):
-            t[0, c] = q00 * m[0, c] + q01 * m[1, c] + q02 * m[2, c]
-            t[1, c] = q10 * m[0, c] + q11 * m[1, c] + q12 * m[2, c]
-            t[2, c] = q20 * m[0, c] + q21 * m[1, c] + q22 * m[2, c]
-        b0, b1, b2 = first[i, 0], first[i, 1], first[i, 2]
-        out[i, 0] = f0 - (t[0, 0] * b0 + t[0, 1] * b1 + t[0, 2] * b2)
-        out[i, 1] = f1 - (t[1, 0] * b0 + t[1, 1] * b1 + t[1, 2] * b2)
-        out[i, 2] = f2 - (t[2, 0] * b0 + t[2, 1] * b1 + t[2, 2] * b2)
-        g = gradient[i]
-        g[0, 0], g[0, 1], g[0, 2] = l00, l01, l02
-        g[1, 0], g[1, 1], g[1, 2] = l10, l11, l12
-        g[2, 0], g[2, 1], g[2, 2] = l20, l21, l22
+                along = (
+                    l00 * p0 * p0 + l11 * p1 * p1 + l22 * p2 * p2
+                    + 2.0 * (xy * p0 * p1 + yz * p1 * p2 + xz * p0 * p2) - third
+                )  # fmt: skip
+                along *= fibre[i, k]
+                s00 += along * (p0 * p0 - 1.0 / 3.0)
+                s11 += along * (p1 * p1 - 1.0 / 3.0)
+                s22 += along * (p2 * p2 - 1.0 / 3.0)
+                s01 += along * p0 * p1
+                s12 += along * p1 * p2
+                s02 += along * p0 * p2
+
+            # Second pass over the same row: zero-energy force of i's own energy.
+            c_iso, c_bond = control[i, 0], control[i, 1]
+            q00, q01, q02, q10, q11, q12, q20, q21, q22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for slot in range(start[i], start[i] + count[i]):
+                j = index[slot]
+                a = volume[j] * weight[slot]
+                d0, d1, d2 = x[j, 0] - x0, x[j, 1] - x1, x[j, 2] - x2
+                e0 = v[j, 0] - v0 - (l00 * d0 + l01 * d1 + l02 * d2)
+                e1 = v[j, 1] - v1 - (l10 * d0 + l11 * d1 + l12 * d2)
+                e2 = v[j, 2] - v2 - (l20 * d0 + l21 * d1 + l22 * d2)
+                per_r2 = 1.0 / (d0 * d0 + d1 * d1 + d2 * d2)
+                bond = c_bond * (d0 * e0 + d1 * e1 + d2 * e2)
+                h0, h1, h2 = bond * d0, bond * d1, bond * d2
+                for k in range(n_directions):
+                    p0, p1, p2 = p[i, k, 0], p[i, k, 1], p[i, k, 2]
+                    pd = p0 * d0 + p1 * d1 + p2 * d2
+                    n0, n1, n2 = p0 * pd - d0 / 3.0, p1 * pd - d1 / 3.0, p2 * pd - d2 / 3.0
+                    along = control[i, 2 + k] * (n0 * e0 + n1 * e1 + n2 * e2)
+                    h0 += along * n0
+                    h1 += along * n1
+                    h2 += along * n2
+                h0, h1, h2 = (
+                    a * (c_iso * e0 + per_r2 * h0),
+                    a * (c_iso * e1 + per_r2 * h1),
+                    a * (c_iso * e2 + per_r2 * h2),
+                )
+                held[slot - start[i], 0], held[slot - start[i], 1], held[slot - start[i], 2] = h0, h1, h2
+                q00 += h0 * d0
+                q01 += h0 * d1
+                q02 += h0 * d2
+                q10 += h1 * d0
+                q11 += h1 * d1
+                q12 += h1 * d2
+                q20 += h2 * d0
+                q21 += h2 * d1
+                q22 += h2 * d2
+            vol = volume[i]
+            q00, q01, q02 = vol * s00 - q00, vol * s01 - q01, vol * s02 - q02
+            q10, q11, q12 = vol * s01 - q10, vol * s11 - q11, vol * s12 - q12
+            q20, q21, q22 = vol * s02 - q20, vol * s12 - q21, vol * s22 - q22
+            for c in range(3):
+                t[0, c] = q00 * m[0, c] + q01 * m[1, c] + q02 * m[2, c]
+                t[1, c] = q10 * m[0, c] + q11 * m[1, c] + q12 * m[2, c]
+                t[2, c] = q20 * m[0, c] + q21 * m[1, c] + q22 * m[2, c]
+            # Forces on the bonds: out of the row, into the window.
+            f0, f1, f2 = 0.0, 0.0, 0.0
+            for slot in range(start[i], start[i] + count[i]):
+                j, s = index[slot], slot - start[i]
+                a = volume[j] * weight[slot]
+                d0, d1, d2 = a * (x[j, 0] - x0), a * (x[j, 1] - x1), a * (x[j, 2] - x2)
+                h0 = held[s, 0] + t[0, 0] * d0 + t[0, 1] * d1 + t[0, 2] * d2
+                h1 = held[s, 1] + t[1, 0] * d0 + t[1, 1] * d1 + t[1, 2] * d2
+                h2 = held[s, 2] + t[2, 0] * d0 + t[2, 1] * d1 + t[2, 2] * d2
+                f0 += h0
+                f1 += h1
+                f2 += h2
+                window[j + shift, 0] += h0
+                window[j + shift, 1] += h1
+                window[j + shift, 2] += h2
+            out[i, 0], out[i, 1], out[i, 2] = -f0, -f1, -f2
 
 
 @njit(cache=True, parallel=True)
-def _force_sweep(start, count, index, weight, x, volume, p, control, v, gradient, traction, out):
-    n_directions = p.shape[1]
-    for i in prange(x.shape[0]):
-        x0, x1, x2 = x[i, 0], x[i, 1], x[i, 2]
-        v0, v1, v2 = v[i, 0], v[i, 1], v[i, 2]
-        f0, f1, f2 = 0.0, 0.0, 0.0
-        for slot in range(start[i], start[i] + count[i]):
-            j = index[slot]
-            w = weight[slot]
-            d0, d1, d2 = x0 - x[j, 0], x1 - x[j, 1], x2 - x[j, 2]  # x_ji
-            g, t = gradient[j], traction[j]
-            e0 = v0 - v[j, 0] - (g[0, 0] * d0 + g[0, 1] * d1 + g[0, 2] * d2)
-            e1 = v1 - v[j, 1] - (g[1, 0] * d0 + g[1, 1] * d1 + g[1, 2] * d2)
-            e2 = v2 - v[j, 2] - (g[2, 0] * d0 + g[2, 1] * d1 + g[2, 2] * d2)
-            per_r2 = 1.0 / (d0 * d0 + d1 * d1 + d2 * d2)
-            bond = control[j, 1] * (d0 * e0 + d1 * e1 + d2 * e2)
-            h0, h1, h2 = bond * d0, bond * d1, bond * d2
-            for k in range(n_directions):
-                p0, p1, p2 = p[j, k, 0], p[j, k, 1], p[j, k, 2]
-                pd = p0 * d0 + p1 * d1 + p2 * d2
-                n0, n1, n2 = p0 * pd - d0 / 3.0, p1 * pd - d1 / 3.0, p2 * pd - d2 / 3.0
-                along = control[j, 2 + k] * (n0 * e0 + n1 * e1 + n2 * e2)
-                h0 += along * n0
-                h1 += along * n1
-                h2 += along * n2
-            c_iso = control[j, 0]
-            f0 += w * (t[0, 0] * d0 + t[0, 1] * d1 + t[0, 2] * d2 + c_iso * e0 + per_r2 * h0)
-            f1 += w * (t[1, 0] * d0 + t[1, 1] * d1 + t[1, 2] * d2 + c_iso * e1 + per_r2 * h1)
-            f2 += w * (t[2, 0] * d0 + t[2, 1] * d1 + t[2, 2] * d2 + c_iso * e2 + per_r2 * h2)
-        vol = volume[i]
-        out[i, 0] += vol * f0
-        out[i, 1] += vol * f1
-        out[i, 2] += vol * f2
-
-
-@njit(cache=True, parallel=True)
-def _traction_sweep(start, count, index, weight, x, volume, first, traction, out):
-    for i in prange(x.shape[0]):
-        f0, f1, f2 = 0.0, 0.0, 0.0
-        for slot in range(start[i], start[i] + count[i]):
-            j = index[slot]
-            w = weight[slot]
-            d0, d1, d2 = w * (x[i, 0] - x[j, 0]), w * (x[i, 1] - x[j, 1]), w * (x[i, 2] - x[j, 2])
-            t = traction[j]
-            f0 += t[0, 0] * d0 + t[0, 1] * d1 + t[0, 2] * d2
-            f1 += t[1, 0] * d0 + t[1, 1] * d1 + t[1, 2] * d2
-            f2 += t[2, 0] * d0 + t[2, 1] * d1 + t[2, 2] * d2
-        t = traction[i]
-        b0, b1, b2 = first[i, 0], first[i, 1], first[i, 2]
-        out[i, 0] = volume[i] * f0 - (t[0, 0] * b0 + t[0, 1] * b1 + t[0, 2] * b2)
-        out[i, 1] = volume[i] * f1 - (t[1, 0] * b0 + t[1, 1] * b1 + t[1, 2] * b2)
-        out[i, 2] = volume[i] * f2 - (t[2, 0] * b0 + t[2, 1] * b1 + t[2, 2] * b2)
+def _traction_sweep(start, count, index, weight, x, volume, traction, rows, low, offset, window, out):
+    for block in prange(rows.shape[0] - 1):
+        window[offset[block] : offset[block + 1]] = 0.0
+        shift = offset[block] - low[block]
+        for i in range(rows[block], rows[block + 1]):
+            t = traction[i]
+            f0, f1, f2 = 0.0, 0.0, 0.0
+            for slot in range(start[i], start[i] + count[i]):
+                j = index[slot]
+                a = volume[j] * weight[slot]
+                d0, d1, d2 = a * (x[j, 0] - x[i, 0]), a * (x[j, 1] - x[i, 1]), a * (x[j, 2] - x[i, 2])
+                h0 = t[0, 0] * d0 + t[0, 1] * d1 + t[0, 2] * d2
+                h1 = t[1, 0] * d0 + t[1, 1] * d1 + t[1, 2] * d2
+                h2 = t[2, 0] * d0 + t[2, 1] * d1 + t[2, 2] * d2
+                f0 += h0
+                f1 += h1
+                f2 += h2
+                window[j + shift, 0] += h0
+                window[j + shift, 1] += h1
+                window[j + shift, 2] += h2
+            out[i, 0], out[i, 1], out[i, 2] = -f0, -f1, -f2
 
 
 @njit(cache=True)

@@ -94,10 +94,8 @@ def test_rows_in_a_metric_equal_brute_force(longest):
     neighbours = build_list(x, CUTOFF, 0.13, metric, reach)
     pairs = weigh_pairs(neighbours, x, H, metric)
     matrix = as_matrix(pairs)
-    np.testing.assert_array_equal(matrix, matrix.T)
     d = x[None] - x[:, None]
-    inverse = full(metric)
-    squared = np.einsum("ija,ijab,ijb->ij", d, 0.5 * (inverse[:, None] + inverse[None]), d)
+    squared = np.einsum("ija,iab,ijb->ij", d, full(metric), d)
     np.fill_diagonal(squared, np.inf)
     for i in range(len(x)):
         assert sorted(neighbours.index[row(neighbours, i)]) == sorted(np.flatnonzero(squared[i] < CUTOFF**2))
@@ -117,8 +115,7 @@ def test_pairs_next_to_the_cutoff_are_told_in_double_precision(aspect, closeness
     inverse, reach = inverse_shape(shape)
     metric = full(inverse).reshape(sites, others + 1, 3, 3)
     away = rng.normal(size=(sites, others, 3))
-    mean = 0.5 * (metric[:, :1] + metric[:, 1:])
-    away *= (CUTOFF / np.sqrt(np.einsum("sma,smab,smb->sm", away, mean, away)))[..., None]
+    away *= (CUTOFF / np.sqrt(np.einsum("sma,sab,smb->sm", away, metric[:, 0], away)))[..., None]
     within = rng.uniform(size=(sites, others)) < 0.5
     away *= np.where(within, 1.0 - closeness, 1.0 + closeness)[..., None]
     centre = 60.0 * np.stack(np.unravel_index(np.arange(sites), (5, 4, 3)), axis=1) + rng.uniform(0.0, 9.0, (sites, 3))
@@ -127,7 +124,7 @@ def test_pairs_next_to_the_cutoff_are_told_in_double_precision(aspect, closeness
     for first in range(0, len(x), others + 1):
         listed = neighbours.index[row(neighbours, first)]
         assert sorted(listed) == sorted(first + 1 + np.flatnonzero(within[first // (others + 1)]))
-        for other in range(first + 1, first + others + 1):
+        for other in range(first + 1, first + others + 1) if aspect is None else ():
             assert (other in listed) == (first in neighbours.index[row(neighbours, other)])
 
 
