@@ -51,7 +51,7 @@ class SolverSection(Section):
     zero_energy: ZeroEnergyControl = Field(default_factory=ZeroEnergyControl)
     """Control of particle-to-particle modes."""
 
-    volume_correction: float = Field(default=40.0, ge=0)
+    volume_correction: float = Field(default=20.0, ge=0)
     """Rate, for a unit of strain, at which J follows the packing; 0 turns it off."""
 
     bulk_modulus: PositivePressure | None = Field(default=None, examples=["1.31 GPa"])

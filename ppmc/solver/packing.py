@@ -5,32 +5,77 @@ lattice. It is one in a well packed interior, above one where particles crowd, b
 is measured from positions alone, so that its drift from the transported J can be seen and mended
 (:mod:`ppmc.solver.volume_balance`).
 
-Two things would spoil it, and are avoided. At the particles themselves the sum is too large wherever they stand
-irregularly, by up to a fifth, for each sees itself; it is therefore sampled at the eight Gauss points of the particle's
-own cell. And the mean of two kernel metrics has a larger determinant than either, so that a pair would weigh too
-little; each particle's own metric is used.
+Particles stand where material crowds, so that a sum taken at them is too large wherever they stand irregularly, by up
+to a fifth, and each sees itself. What is wanted is the mean over space. The sum is therefore sampled at the eight
+corners of the particle's own cell: between particles as often as near them, whether these stand in a lattice, in twins
+or in rows. Corners see no farther than the particle does; so that nothing depends on who is at the edge of its sight,
+neighbours fade towards it.
+
+The mean of two kernel metrics has a larger determinant than either, so that a pair would weigh too little; each
+particle's own metric is used, and all that are listed near it, for the mean metric may leave some out. Beyond a convex
+edge comes no wall but material that is there anyway: a mirror image counts only where it lies in the tool.
 """
 
 # mypy: disable-error-code="no-untyped-def"
 
+from __future__ import annotations
+
 import functools
+from dataclasses import dataclass
 
 import numpy as np
 
 from ppmc.compile_cache import njit, prange
+from ppmc.geometry.distance import tool_distance
+from ppmc.geometry.packed import PLANE, ToolArrays
 from ppmc.solver.contact import places
 from ppmc.solver.kernel_shape import root_shape
 from ppmc.solver.neighbours import Pairs
 from ppmc.solver.smoothing import SUPPORT, kernel_value, pair_weight
+from ppmc.solver.tools import faces_near
 
-GAUSS = 0.5 / np.sqrt(3.0)  # places in the cell, in spacings from its centre, at which the sum is sampled
 RATIO_STEP = 0.01  # of h in spacings, between which the sum over a lattice is interpolated
+FACES_SEEN = 4  # walls about a particle that count: a corner of a narrow gap has so many
+IMAGES = 15  # of a neighbour near four walls: itself, and those behind each, each two and each three of them
 INTERIOR = 0.93  # packing above which a particle lies inside the material
+
+
+@dataclass
+class NearWalls:
+    """Walls about those of n particles that have some.
+
+    Attributes
+    ----------
+    tools : ToolArrays
+    offsets : ndarray, shape (tools, 3)
+        Their present displacements, mm.
+    place : ndarray of int32, shape (n,)
+        Row of each particle in the following, -1 where no wall is near.
+    tool : ndarray of int32, shape (m, k)
+        -1 for none.
+    distance : ndarray, shape (m, k)
+        mm, infinite for none.
+    normal : ndarray, shape (m, k, 3)
+        Unit normals into the material.
+    """
+
+    tools: ToolArrays
+    offsets: np.ndarray
+    place: np.ndarray
+    tool: np.ndarray
+    distance: np.ndarray
+    normal: np.ndarray
+
+    @classmethod
+    def find(cls, tools: ToolArrays, offsets: np.ndarray, positions: np.ndarray, reach: float) -> NearWalls:
+        """Find the walls within `reach` (mm) of positions (n, 3)."""
+        rows, tool, distance, normal = faces_near(tools, offsets, positions, reach, FACES_SEEN)
+        return cls(tools, offsets, places(rows, len(positions)), tool, distance, normal)
 
 
 def packing(
     pairs: Pairs, positions: np.ndarray, volumes: np.ndarray, shape: np.ndarray, inverse_shape: np.ndarray,
-    smoothing_length: float, spacing: np.ndarray, walls: tuple[np.ndarray, np.ndarray, np.ndarray],
+    smoothing_length: float, spacing: np.ndarray, walls: NearWalls,
 ) -> np.ndarray:  # fmt: skip
     """Packing of each particle, shape (n,).
 
@@ -47,15 +92,13 @@ def packing(
         mm.
     spacing : ndarray, shape (n,)
         Present spacing of a lattice of such cells, the cube root of the current volume, mm.
-    walls : tuple of ndarray
-        Numbers of the particles with wall faces within the kernel's support, shape (m,); distances of these, shape
-        (m, 3), mm, infinite for none; their unit normals, shape (m, 3, 3), into the material.
+    walls : NearWalls
+        Those within the kernel's support.
     """
     out = np.empty(len(positions))
-    rows, distance, normal = walls
     _packing(
-        pairs.start, pairs.count, pairs.index, positions, volumes, shape, inverse_shape, GAUSS * spacing,
-        smoothing_length, places(rows, len(positions)), distance, normal, out,
+        pairs.start, pairs.index, positions, volumes, shape, inverse_shape, 0.5 * spacing,
+        smoothing_length, walls.tools, walls.offsets, walls.place, walls.tool, walls.distance, walls.normal, out,
     )  # fmt: skip
     return out / np.interp(smoothing_length / spacing, *_lattice_packings(float(np.median(smoothing_length / spacing))))
 
@@ -82,71 +125,125 @@ def _lattice_packings(middle: float) -> tuple[np.ndarray, np.ndarray]:
 @functools.cache
 def _lattice_packing(number: int) -> float:
     smoothing_ratio = RATIO_STEP * number
-    k = np.arange(-8, 9) - GAUSS
-    r2 = (k[:, None, None] ** 2 + k[None, :, None] ** 2 + k[None, None, :] ** 2).ravel()
-    return float(sum(kernel_value(float(r), smoothing_ratio) for r in r2))
+    k = np.arange(-8.0, 9.0)
+    away2, r2 = (
+        (at[:, None, None] ** 2 + at[None, :, None] ** 2 + at[None, None, :] ** 2).ravel() for at in (k, k - 0.5)
+    )
+    return float(
+        sum(_fading(a, smoothing_ratio) * kernel_value(r, smoothing_ratio) for a, r in zip(away2, r2, strict=True))
+    )
+
+
+@njit(cache=True, inline="always")
+def _fading(r2, h):
+    # With the eighth power corners still see nearly all, and lattices that cross the edge of sight make no jump.
+    part = r2 / (SUPPORT * h * SUPPORT * h)
+    return max(0.0, 1.0 - part * part * part * part)
 
 
 @njit(cache=True, parallel=True)
-def _packing(start, count, index, x, volume, shape, metric, half, h, place, distance, normal, out):
+def _packing(
+    start, index, x, volume, shape, metric, half, h, tools, offsets, place, tool, distance, normal, out
+):  # fmt: skip
     for i in prange(x.shape[0]):
-        step, t, vectors, images = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((7, 2), np.int64)
+        step, t, vectors, images = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((IMAGES, 3), np.int64)
         root_shape(shape[i], t, vectors, step)
         for a in range(3):
             for b in range(3):
                 step[a, b] *= half[i]
         near = place[i] if place[i] >= 0 else 0  # any: without images nothing of it is used
-        m = 1
-        images[0, 0] = images[0, 1] = -1
-        if place[i] >= 0:
-            m = _images(distance[near], normal[near], images)
-        out[i] = _sum_at(
-            i, start[i], count[i], index, x, volume, metric[i], step, half[i], h, images[:m], distance, normal, near
+        images[0] = -1
+        m = _images(distance[near], normal[near], images) if place[i] >= 0 else 1
+        out[i] = _mean_over_cell(
+            i, start[i], start[i + 1], index, x, volume, metric[i], step, h, images[:m], tools, offsets, tool, distance,
+            normal, near
         )  # fmt: skip
 
 
 @njit(cache=True)
 def _images(distance, normal, images):
-    # The particles themselves, their images behind each face, and behind each pair of faces at nearly a right angle.
-    images[0, 0] = images[0, 1] = -1
+    # After the particles themselves: their images behind each face, and behind two and three at nearly right angles.
     m = 1
-    for k in range(distance.shape[0]):
-        if distance[k] < np.inf:
-            images[m, 0], images[m, 1] = k, -1
-            m += 1
-    single = m
-    for a in range(1, single):
-        for b in range(a + 1, single):
-            na, nb = normal[images[a, 0]], normal[images[b, 0]]
-            if abs(na[0] * nb[0] + na[1] * nb[1] + na[2] * nb[2]) < 0.3:
-                images[m, 0], images[m, 1] = images[a, 0], images[b, 0]
-                m += 1
+    for a in range(distance.shape[0]):
+        if distance[a] == np.inf:
+            continue
+        m = _with_image(images, m, a, -1, -1)
+        for b in range(a):
+            if not _across(normal[a], normal[b]):
+                continue
+            m = _with_image(images, m, a, b, -1)
+            for c in range(b):
+                if _across(normal[a], normal[c]) and _across(normal[b], normal[c]):
+                    m = _with_image(images, m, a, b, c)
     return m
 
 
 @njit(cache=True)
-def _sum_at(i, begin, neighbours, index, x, volume, g, step, half, h, images, distance, normal, near):
-    total = 0.0
-    reach = SUPPORT * h + np.sqrt(3.0) * half
+def _with_image(images, m, a, b, c):
+    images[m, 0], images[m, 1], images[m, 2] = a, b, c
+    return m + 1
+
+
+@njit(cache=True)
+def _across(first, second):
+    return abs(first[0] * second[0] + first[1] * second[1] + first[2] * second[2]) < 0.3
+
+
+@njit(cache=True)
+def _height(d0, d1, d2, distance, normal):
+    # Of a point above a wall, given the way to it from a point at a distance from that wall.
+    return max(distance, 0.0) + d0 * normal[0] + d1 * normal[1] + d2 * normal[2]
+
+
+@njit(cache=True)
+def _in_tools(x, i, j, image, tools, offsets, tool, distance, normal):
+    # Whether each reflection of j leads into its tool.
+    d0, d1, d2 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
+    for k in image:
+        if k < 0:
+            break
+        height = 2.0 * _height(d0, d1, d2, distance[k], normal[k])
+        d0 -= height * normal[k, 0]
+        d1 -= height * normal[k, 1]
+        d2 -= height * normal[k, 2]
+        at = tool[k]
+        if tools.kind[at] != PLANE:
+            phi, _, _, _ = tool_distance(tools, at, offsets, x[i, 0] + d0, x[i, 1] + d1, x[i, 2] + d2)
+            if phi > 0.0:
+                return False
+    return True
+
+
+@njit(cache=True)
+def _mean_over_cell(
+    i, begin, end, index, x, volume, g, step, h, images, tools, offsets, tool, distance, normal, near
+):  # fmt: skip
+    sums = np.zeros(8)
     for image in range(images.shape[0]):
         # The last turn stands for the particle itself.
-        for s in range(neighbours + 1):
-            j = np.int64(index[begin + s]) if s < neighbours else np.int64(i)
+        for s in range(begin, end + 1):
+            j = np.int64(index[s]) if s < end else np.int64(i)
             d0, d1, d2 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
-            for side in range(2):
+            behind = True
+            for side in range(3):
                 k = images[image, side]
                 if k >= 0:
-                    n0, n1, n2 = normal[near, k, 0], normal[near, k, 1], normal[near, k, 2]
-                    height = 2.0 * max(max(distance[near, k], 0.0) + d0 * n0 + d1 * n1 + d2 * n2, 0.0)
-                    d0 -= height * n0
-                    d1 -= height * n1
-                    d2 -= height * n2
-            # What is out of reach of the whole cell is out of reach of its Gauss points.
+                    height = 2.0 * _height(d0, d1, d2, distance[near, k], normal[near, k])
+                    behind = behind and height > 0.0
+                    d0 -= height * normal[near, k, 0]
+                    d1 -= height * normal[near, k, 1]
+                    d2 -= height * normal[near, k, 2]
+            if not behind:
+                continue
             r2 = g[0] * d0 * d0 + g[1] * d1 * d1 + g[2] * d2 * d2
             r2 += 2.0 * (g[3] * d0 * d1 + g[4] * d1 * d2 + g[5] * d0 * d2)
-            if r2 > reach * reach:
+            part = volume[j] * _fading(max(r2, 0.0), h)
+            if part == 0.0:
                 continue
-            part = 0.0
+            if image > 0 and not _in_tools(
+                x, i, j, images[image], tools, offsets, tool[near], distance[near], normal[near]
+            ):
+                continue
             for corner in range(8):
                 a = 1.0 if corner & 1 else -1.0
                 b = 1.0 if corner & 2 else -1.0
@@ -156,9 +253,8 @@ def _sum_at(i, begin, neighbours, index, x, volume, g, step, half, h, images, di
                 e2 = d2 + a * step[2, 0] + b * step[2, 1] + c * step[2, 2]
                 r2 = g[0] * e0 * e0 + g[1] * e1 * e1 + g[2] * e2 * e2
                 r2 += 2.0 * (g[3] * e0 * e1 + g[4] * e1 * e2 + g[5] * e0 * e2)
-                part += kernel_value(max(r2, 0.0), h)
-            total += 0.125 * volume[j] * part
-    return total
+                sums[corner] += part * kernel_value(max(r2, 0.0), h)
+    return 0.125 * sums.sum()
 
 
 @njit(cache=True, parallel=True)

@@ -127,7 +127,7 @@ class Walls:
 
 
 def faces_near(
-    tools: ToolArrays, offsets: np.ndarray, positions: np.ndarray, reach: float
+    tools: ToolArrays, offsets: np.ndarray, positions: np.ndarray, reach: float, most: int = FACES
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Particles with a tool's face within reach, and these faces, the nearest first.
 
@@ -137,23 +137,25 @@ def faces_near(
         As in :func:`ppmc.geometry.contacts.find_contacts`.
     positions : ndarray, shape (n, 3)
         mm.
+    most : int
+        Faces kept for a particle, k, six at most.
 
     Returns
     -------
     rows : ndarray, shape (m,), int64
         Numbers of the particles, ascending.
-    tool : ndarray, shape (m, 3), int32
+    tool : ndarray, shape (m, k), int32
         -1 for none.
-    distance : ndarray, shape (m, 3)
+    distance : ndarray, shape (m, k)
         mm, infinite for none.
-    normal : ndarray, shape (m, 3, 3)
+    normal : ndarray, shape (m, k, 3)
         Into the material.
     """
     found = []
     for begin in range(0, max(len(positions), 1), AT_ONCE):
         _, tool, distance, normal = find_contacts(tools, offsets, positions[begin : begin + AT_ONCE], reach)
         on = np.flatnonzero(tool[:, 0] >= 0)
-        found.append((begin + on, tool[on, :FACES].astype(np.int32), distance[on, :FACES], normal[on, :FACES]))
+        found.append((begin + on, tool[on, :most].astype(np.int32), distance[on, :most], normal[on, :most]))
     rows, tool, distance, normal = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return rows, tool, distance, normal
 

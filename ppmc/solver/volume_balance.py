@@ -1,22 +1,22 @@
 """Volume balance: what keeps the transported volume ratio in step with where the particles are.
 
-J follows from averaged velocity gradients, and these do not see where a particle stands among its neighbours. Under
-large stretch in uneven flow the packing drifts by tenths although every J stays near one: a bracket then keeps a sixth
-too much under its ram. J, and with it the volumetric part of F, is therefore drawn towards what the packing shows with
-the strain of each step; the pressure then puts the packing right, and det F keeps meaning volume. In a homogeneous flow
-packing keeps its value and nothing is corrected; where nothing flows nothing is changed.
+A flow whose gradients have no trace keeps the packing that each particle sees in its own kernel, as long as neighbours
+are spread evenly in it (:mod:`ppmc.solver.neighbours`). Where they are not, at walls above all and late in a fill, the
+packing drifts by a few per cent of the strain although every J stays near one. J, and with it the volumetric part of F,
+is therefore drawn towards what the packing shows with the strain of each step; the pressure then puts the packing
+right, and det F keeps meaning volume. Where the flow is smooth over a kernel, packing keeps its value; what changes
+there is how an irregular charge reads as it deforms, and nothing is corrected. Nor is anything where nothing flows.
 """
 
 import numpy as np
 
-from ppmc.solver.kernel_shape import aspect_ratio
+from ppmc.solver.kernel_shape import aspect_ratio, smoothness
 from ppmc.solver.neighbours import Pairs
-from ppmc.solver.packing import INTERIOR, interior_mean, packing
+from ppmc.solver.packing import INTERIOR, NearWalls, interior_mean, packing
 from ppmc.solver.smoothing import SUPPORT
 from ppmc.solver.state import ParticleState
-from ppmc.solver.tools import Walls, faces_near
+from ppmc.solver.tools import Walls
 
-DEAD_BAND = 0.004  # error of packing that is left alone: irregular charges read that differently as they deform
 MOST_WRONG = 0.1  # error of packing beyond which the pull grows no more
 # Ratio of a lattice's aspect to the kernel's, beyond which the kernel no longer resolves the lattice and the sum means
 # little; the pull then fades.
@@ -33,11 +33,11 @@ def measured_packing(
     `inverse_shape`.
     """
     support = SUPPORT * smoothing_length * longest
-    rows, _, distance, normal = faces_near(walls.tools.arrays, walls.offsets(time), state.position, support)
+    near = NearWalls.find(walls.tools.arrays, walls.offsets(time), state.position, support)
     return packing(
         pairs, state.position, state.volume * state.volume_ratio, state.kernel_shape,
         state.kernel_shape if inverse_shape is None else inverse_shape,
-        smoothing_length, spacing * np.cbrt(state.volume_ratio), (rows, distance, normal),
+        smoothing_length, spacing * np.cbrt(state.volume_ratio), near,
     )  # fmt: skip
 
 
@@ -70,9 +70,10 @@ def correct_volume(
     """
     interior = found > INTERIOR
     wrong = interior_mean(pairs, found, interior, smoothing_length) / state.packing_reference - 1.0
-    wrong = np.clip(np.sign(wrong) * np.maximum(np.abs(wrong) - DEAD_BAND, 0.0), -MOST_WRONG, MOST_WRONG)
+    wrong = np.clip(wrong, -MOST_WRONG, MOST_WRONG)
     resolved = np.minimum(1.0, RESOLVED * aspect_limit / aspect_ratio(state.lattice_shape)) ** 8
-    pull = np.minimum(rate * np.maximum(strain, strain.mean()), 0.5) * resolved * interior
+    rough = 1.0 - smoothness(state.flow_residual)
+    pull = np.minimum(rate * np.maximum(strain, strain.mean()), 0.5) * rough * resolved * interior
     factor = 1.0 - pull * wrong
     state.volume_ratio *= factor
     state.deformation_gradient *= np.cbrt(factor)[:, None, None]

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ppmc.solver.kernel_shape import full, inverse_shape
 from ppmc.solver.neighbours import build_list, weigh_pairs
 from ppmc.solver.operator import Operator, assemble
 
@@ -19,12 +20,24 @@ def unit_vectors(n: int, seed: int = 1) -> np.ndarray:
     return v / np.linalg.norm(v, axis=-1, keepdims=True)
 
 
+def stretched(n: int, aspect: float, seed: int) -> np.ndarray:
+    """Shape tensors (n, 6) of unit determinant, axes anyhow, the longest `aspect` times the shortest."""
+    rng = np.random.default_rng(seed)
+    axes = np.linalg.qr(rng.normal(size=(n, 3, 3)))[0]
+    values = aspect ** np.column_stack([np.zeros(n), rng.uniform(0.0, 1.0, n), np.ones(n)])
+    values /= np.cbrt(np.prod(values, axis=1))[:, None]
+    tensors = np.einsum("nab,nb,ncb->nac", axes, values**2, axes)
+    return np.ascontiguousarray(tensors.reshape(-1, 9)[:, [0, 4, 8, 1, 5, 2]])
+
+
 def make_operator(
-    positions: np.ndarray, directions: np.ndarray, shear: float = 1.0, ratio: float = 100.0, bulk: float = 50.0
-) -> Operator:
-    """Operator with unit volumes and equal material everywhere."""
+    positions: np.ndarray, directions: np.ndarray, shear: float = 1.0, ratio: float = 100.0, bulk: float = 50.0,
+    shape: np.ndarray | None = None,
+) -> Operator:  # fmt: skip
+    """Operator with unit volumes and equal material everywhere; kernels are spheres or have a `shape`, (n, 6), each."""
     n = len(positions)
-    pairs = weigh_pairs(build_list(positions, 2.7, 0.05), positions, 1.3)
+    metric, longest = (None, 1.0) if shape is None else inverse_shape(shape)
+    pairs = weigh_pairs(build_list(positions, 2.7, 0.05, metric, longest), positions, 1.3, metric)
     fibre = np.full((n, directions.shape[1]), 4.0 * shear * (ratio - 1.0) / max(directions.shape[1], 1))
     return assemble(pairs, positions, np.ones(n), np.full(n, shear), np.full(n, bulk), fibre, directions)
 
@@ -50,18 +63,21 @@ def wendland_weight(r: np.ndarray, h: float) -> np.ndarray:
     return -(kernel(r + 1e-5) - kernel(r - 1e-5)) / 2e-5 / r
 
 
-def power_by_definition(operator: Operator, velocities: np.ndarray, h: float = 1.3) -> tuple[float, np.ndarray]:
+def power_by_definition(
+    operator: Operator, velocities: np.ndarray, h: float = 1.3, shape: np.ndarray | None = None
+) -> tuple[float, np.ndarray]:
     """Twice the energy v . A v and the velocity gradients, straight from the formulas, particle by particle."""
     x, volumes = operator.positions, operator.volumes
     n = len(x)
     power, gradients = 0.0, np.zeros((n, 3, 3))
+    metric = np.broadcast_to(np.eye(3), (n, 3, 3)) if shape is None else np.linalg.inv(full(shape))
     for i in range(n):
         d = x - x[i]
-        r = np.linalg.norm(d, axis=1)
-        near = np.flatnonzero((r > 0.0) & (r < 2.0 * h))
-        d, r = d[near], r[near]
+        away = np.sqrt(np.einsum("ja,ab,jb->j", d, metric[i], d))
+        near = np.flatnonzero((away > 0.0) & (away < 2.0 * h))
+        d, r, away = d[near], np.linalg.norm(d[near], axis=1), away[near]
         # Weights are kept in single precision; that rounding aside, both sides are the same to round-off.
-        a = volumes[near] * wendland_weight(r, h).astype(np.float32).astype(np.float64)
+        a = volumes[near] * wendland_weight(away, h).astype(np.float32).astype(np.float64)
         moment = np.einsum("j,ja,jb->ab", a, d, d)
         dv = velocities[near] - velocities[i]
         gradient = np.einsum("j,ja,jb->ab", a, dv, d) @ np.linalg.inv(moment)

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from ppmc.solver.kernel_shape import full, inverse_shape
 from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, cell_order, weigh_pairs
 
-from .blocks import lattice, wendland_weight
+from .blocks import lattice, stretched, wendland_weight
 
 CUTOFF, H = 2.86, 1.3
 
@@ -31,16 +31,6 @@ CLOUDS = {
     "lattice on the cells' edges": lattice((9, 6, 5)) * CUTOFF / 2.0,
     "far from the origin": random_cloud(300, (6.0, 6.0, 6.0)) + 1e5,
 }
-
-
-def stretched(n: int, aspect: float, seed: int) -> np.ndarray:
-    """Shape tensors (n, 6) of unit determinant, axes anyhow, the longest `aspect` times the shortest."""
-    rng = np.random.default_rng(seed)
-    axes = np.linalg.qr(rng.normal(size=(n, 3, 3)))[0]
-    values = aspect ** np.column_stack([np.zeros(n), rng.uniform(0.0, 1.0, n), np.ones(n)])
-    values /= np.cbrt(np.prod(values, axis=1))[:, None]
-    tensors = np.einsum("nab,nb,ncb->nac", axes, values**2, axes)
-    return np.ascontiguousarray(tensors.reshape(-1, 9)[:, [0, 4, 8, 1, 5, 2]])
 
 
 def row(holder: NeighbourList | Pairs, i: int) -> slice:

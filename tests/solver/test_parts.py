@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from ppmc.errors import NumericalError
+from ppmc.geometry.toolset import compile_tools
+from ppmc.scene.tooling import BoxTool, PlaneTool
 from ppmc.solver.block_jacobi import restricted_inverse
 from ppmc.solver.conjugate_gradient import conjugate_gradient
 from ppmc.solver.kernel_shape import (
@@ -17,12 +19,18 @@ from ppmc.solver.kernel_shape import (
     six,
 )
 from ppmc.solver.neighbours import build_list, cell_order, list_is_stale, weigh_pairs
-from ppmc.solver.packing import packing
+from ppmc.solver.packing import NearWalls, packing
 from ppmc.solver.reductions import dot
 from ppmc.solver.time_step import event_times, fit_to_times, proposed_step
 from ppmc.solver.transport import compose, convect_deformation, convect_directions, jeffery_increment, small_strain
 
 from .blocks import lattice, wendland_weight
+
+
+def near_walls(x: np.ndarray, tools: dict, reach: float) -> NearWalls:
+    """Walls of tools at rest within reach of positions."""
+    arrays = compile_tools({str(name): tool for name, tool in tools.items()}).arrays
+    return NearWalls.find(arrays, np.zeros((len(tools), 3)), x, reach)
 
 
 def test_neighbours_equal_brute_force_and_are_symmetric():
@@ -90,15 +98,39 @@ def test_packing_is_one_inside_and_against_walls_whatever_the_stretch(stretch):
     shape = np.tile(lattice_of(np.array(stretch)), (len(x), 1))
     metric, longest = inverse_shape(shape)
     pairs = weigh_pairs(build_list(x, 2.7, 0.05, metric, longest), x, 1.3, metric)
-    rows = np.flatnonzero(np.minimum(x[:, 0], x[:, 2]) < 2.6 * max(stretch))
-    distance, normal = np.full((len(rows), 3), np.inf), np.zeros((len(rows), 3, 3))
-    distance[:, 0], normal[:, 0] = x[rows, 2], [0.0, 0.0, 1.0]
-    distance[:, 1], normal[:, 1] = x[rows, 0], [1.0, 0.0, 0.0]
-    one = np.ones(len(x))
-    found = packing(pairs, x, one, shape, metric, 1.3, one, (rows, distance, normal)).reshape(9, 9, 9)
+    planes = [PlaneTool(shape="plane", point=(0, 0, 0), normal=n) for n in ((0, 0, 1), (1, 0, 0))]
+    one, walls = np.ones(len(x)), near_walls(x, dict(enumerate(planes)), 2.6 * longest)
+    found = packing(pairs, x, one, shape, metric, 1.3, one, walls).reshape(9, 9, 9)
     # Up to the floor, the wall and their common edge; free faces lack the half that lies beyond them.
     np.testing.assert_allclose(found[:5, 4, :5], 1.0, atol=1e-3)
     assert found[4, 4, 8] < 0.85
+
+
+def test_packing_is_one_around_a_convex_edge_and_in_closed_corners():
+    # Material below z = 4 and in a mouth above it, as where a base runs into a flange, up to four walls at once.
+    x = lattice((12, 6, 8))
+    x = x[(x[:, 2] < 4.0) | (x[:, 0] > 6.0)]
+    shape, one = np.tile([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], (len(x), 1)), np.ones(len(x))
+    pairs = weigh_pairs(build_list(x, 2.7, 0.05), x, 1.3)
+    tools = {
+        "cavity": BoxTool(shape="box", center=(6, 3, 4), size=(12, 6, 8), inside=True),
+        "core": BoxTool(shape="box", center=(1, 3, 8), size=(10, 20, 8)),
+    }
+    found = packing(pairs, x, one, shape, shape, 1.3, one, near_walls(x, tools, 2.6))
+    np.testing.assert_allclose(found, 1.0, atol=0.01)
+
+
+@pytest.mark.parametrize("axes", [(2,), (0, 2)])
+def test_packing_is_one_over_space_where_particles_stand_in_twins(axes):
+    # Rows at distances of 0.6 and 1.4 in turn: summed near the particles, they would read up to a tenth too dense.
+    x = lattice((12, 12, 12))
+    for axis in axes:
+        x[:, axis] += np.where(x[:, axis] % 2.0 < 1.0, 0.2, -0.2)
+    shape, one = np.tile([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], (len(x), 1)), np.ones(len(x))
+    pairs = weigh_pairs(build_list(x, 2.7, 0.05), x, 1.3)
+    tools = {"cavity": BoxTool(shape="box", center=(6, 6, 6), size=(12, 12, 12), inside=True)}
+    found = packing(pairs, x, one, shape, shape, 1.3, one, near_walls(x, tools, 2.6)).reshape(12, 12, 12)
+    assert found[4:8, 4:8, 4:8].mean() == pytest.approx(1.0, abs=0.01)
 
 
 def test_packing_sees_crowding_whatever_the_disorder():
@@ -108,8 +140,9 @@ def test_packing_sees_crowding_whatever_the_disorder():
     for squeeze in (1.0, 0.95):
         x = (lattice((12, 12, 12)) + rng.uniform(-0.3, 0.3, (1728, 3))) * squeeze
         pairs = weigh_pairs(build_list(x, 2.7, 0.05), x, 1.3)
-        one, nowhere = np.ones(len(x)), (np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3, 3)))
-        found = packing(pairs, x, one, shape, shape, 1.3, one, nowhere)
+        far = near_walls(x, {"far": PlaneTool(shape="plane", point=(0, 0, -9), normal=(0, 0, 1))}, 2.6)
+        one = np.ones(len(x))
+        found = packing(pairs, x, one, shape, shape, 1.3, one, far)
         assert found.reshape(12, 12, 12)[inside].mean() == pytest.approx(squeeze**-3, abs=0.03)
 
 
