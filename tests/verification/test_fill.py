@@ -1,7 +1,7 @@
 """Fill of a small pin bracket: volume above the base against the balance, packing, and tightness.
 
-The bar of the balance is 1 %. The test holds what is reached with five particles across a flange, see
-docs/benchmarks/solver.md.
+The bar of the balance is 1 %. Of the six layers and five particles across a flange it is asked for with the ram at 60 %
+of its way; before that the same volume is a larger share of what has passed. See docs/benchmarks/solver.md.
 """
 
 import numpy as np
@@ -45,23 +45,25 @@ def bracket(ratio: float) -> ImplicitIntegrator:
     return ImplicitIntegrator(Model(section, material, walls, section.smoothing_ratio, bulk, 0.0), state)
 
 
-END = 0.45  # s, of the second that the ram takes
+HALFWAY, END = 0.45, 0.6  # s, of the second that the ram takes
 
 
 @pytest.fixture(scope="module", params=[1.0, 1000.0])
-def filled(request) -> ImplicitIntegrator:
-    """The bracket when the ram has gone 45 % of its way."""
-    integrator = bracket(request.param)
-    settings, end = integrator.model.settings, END
+def filled(request) -> tuple[ImplicitIntegrator, dict[float, np.ndarray]]:
+    """The bracket when the ram has gone 60 % of its way, and positions at 45 and 60 %."""
+    integrator, positions = bracket(request.param), {}
+    settings = integrator.model.settings
     integrator.initialise(0.0, 1e-3)
     time, step = 0.0, np.inf
-    while time < end - 1e-12:
-        gradient = integrator.state.velocity_gradient
-        step = proposed_step(gradient, settings.max_strain_increment, settings.max_displacement, np.inf, step)
-        step = fit_to_times(time, step, end)
-        integrator.step(time, step)
-        time += step
-    return integrator
+    for end in (HALFWAY, END):
+        while time < end - 1e-12:
+            gradient = integrator.state.velocity_gradient
+            step = proposed_step(gradient, settings.max_strain_increment, settings.max_displacement, np.inf, step)
+            step = fit_to_times(time, step, end)
+            integrator.step(time, step)
+            time += step
+        positions[end] = integrator.state.position
+    return integrator, positions
 
 
 def share_above(x: np.ndarray, ram: float, fine: float = 0.1) -> float:
@@ -100,9 +102,11 @@ def test_share_above_is_exact_for_lattices(shift):
 
 @pytest.mark.slow
 def test_volume_above_the_base(filled):
-    integrator, end, state = filled, END, filled.state
-    ram = PART.closing_speed * end
-    assert share_above(state.position, ram) == pytest.approx(ram / PART.charge_height, rel=0.025)
+    (integrator, positions), end = filled, END
+    state = integrator.state
+    for time, error in ((HALFWAY, 0.02), (END, 0.01)):
+        ram = PART.closing_speed * time
+        assert share_above(positions[time], ram) == pytest.approx(ram / PART.charge_height, rel=error)
     packing = integrator.packing(integrator.weigh(state.position), end)
     interior = packing[packing > 0.93]
     assert np.median(interior) == pytest.approx(1.0, abs=0.02)
@@ -115,6 +119,6 @@ def test_volume_above_the_base(filled):
 
 @pytest.mark.slow
 def test_deformation_keeps_the_volume(filled):
-    state = filled.state
+    state = filled[0].state
     assert state.volume_ratio.mean() == pytest.approx(1.0, abs=0.01)
     np.testing.assert_allclose(np.linalg.det(state.deformation_gradient), state.volume_ratio, rtol=1e-9)
