@@ -1,8 +1,4 @@
-"""Block-Jacobi preconditioner: inverse 3x3 diagonal blocks, restricted to the directions the tools leave free.
-
-The inverses are kept in single precision: a preconditioner only has to be symmetric and positive definite, and it is
-as long as what rounding takes is given back on the diagonal.
-"""
+"""Block-Jacobi preconditioner: inverse 3x3 diagonal blocks, restricted to the directions the tools leave free."""
 
 # mypy: disable-error-code="no-untyped-def"
 
@@ -10,8 +6,6 @@ import numpy as np
 
 from ppmc.compile_cache import njit, prange
 from ppmc.solver.small_tensors import invert_block, unpack
-
-ROUNDING = 2e-7  # of the trace of an inverse: no less than what rounding its entries to single precision can take
 
 
 def restricted_inverse(blocks: np.ndarray, rows: np.ndarray, drag: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -30,9 +24,9 @@ def restricted_inverse(blocks: np.ndarray, rows: np.ndarray, drag: np.ndarray, f
 
     Returns
     -------
-    ndarray, shape (n, 6), float32
+    ndarray, shape (n, 6)
     """
-    out = np.empty(blocks.shape, dtype=np.float32)
+    out = np.empty_like(blocks)
     _inverse(blocks, out)
     _restricted_inverse(blocks, rows, drag, free, out)
     return out
@@ -65,8 +59,7 @@ def _multiply_symmetric(blocks, vectors, out):
     for i in prange(vectors.shape[0]):
         a, b, c = vectors[i, 0], vectors[i, 1], vectors[i, 2]
         xx, yy, zz, xy, yz, xz = (
-            np.float64(blocks[i, 0]), np.float64(blocks[i, 1]), np.float64(blocks[i, 2]),
-            np.float64(blocks[i, 3]), np.float64(blocks[i, 4]), np.float64(blocks[i, 5]),
+            blocks[i, 0], blocks[i, 1], blocks[i, 2], blocks[i, 3], blocks[i, 4], blocks[i, 5],
         )  # fmt: skip
         out[i, 0] = xx * a + xy * b + xz * c
         out[i, 1] = xy * a + yy * b + yz * c
@@ -75,8 +68,7 @@ def _multiply_symmetric(blocks, vectors, out):
 
 @njit(cache=True)
 def _pack(block, i, out):
-    add = ROUNDING * (block[0, 0] + block[1, 1] + block[2, 2])
-    out[i, 0], out[i, 1], out[i, 2] = block[0, 0] + add, block[1, 1] + add, block[2, 2] + add
+    out[i, 0], out[i, 1], out[i, 2] = block[0, 0], block[1, 1], block[2, 2]
     out[i, 3], out[i, 4], out[i, 5] = block[0, 1], block[1, 2], block[0, 2]
 
 
