@@ -13,7 +13,8 @@ so that each bond is held with the physical stiffness of the direction it violat
 .. math:: (A v)_i = \sum_j\big[-a_{ij}T_i x_{ij} - a_{ij}H_{ij}e_{ij} + a_{ji}T_j x_{ji} + a_{ji}H_{ji}e_{ji}\big].
 
 The operator is symmetric and positive semi-definite by construction; free surfaces and slip walls are its natural
-boundary condition; it conserves linear and angular momentum to round-off. Two sweeps over the pairs a product.
+boundary condition; it conserves linear and angular momentum to round-off. Weights need not be symmetric: a row's forces
+on its neighbours are scattered where they are worked out.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -103,7 +104,7 @@ class Operator:
     def _traction_force(self, traction: np.ndarray) -> np.ndarray:
         out, p, blocks, window = np.empty_like(self.positions), self.pairs, self.pairs.blocks, self._windows()
         _traction_sweep(
-            p.start, p.count, p.index, p.weight, self.positions, self.volumes, traction,
+            p.start, p.count, p.index, p.weight, self.positions, self.volumes, traction, int(p.count.max(initial=0)),
             blocks.rows, blocks.low, blocks.offset, window, out,
         )  # fmt: skip
         add_reactions(blocks.rows, blocks.low, blocks.offset, window, out)
@@ -259,46 +260,39 @@ def _stress_sweep(
                 t[0, c] = q00 * m[0, c] + q01 * m[1, c] + q02 * m[2, c]
                 t[1, c] = q10 * m[0, c] + q11 * m[1, c] + q12 * m[2, c]
                 t[2, c] = q20 * m[0, c] + q21 * m[1, c] + q22 * m[2, c]
-            # Forces on the bonds: out of the row, into the window.
-            f0, f1, f2 = 0.0, 0.0, 0.0
-            for slot in range(start[i], start[i] + count[i]):
-                j, s = index[slot], slot - start[i]
-                a = volume[j] * weight[slot]
-                d0, d1, d2 = a * (x[j, 0] - x0), a * (x[j, 1] - x1), a * (x[j, 2] - x2)
-                h0 = held[s, 0] + t[0, 0] * d0 + t[0, 1] * d1 + t[0, 2] * d2
-                h1 = held[s, 1] + t[1, 0] * d0 + t[1, 1] * d1 + t[1, 2] * d2
-                h2 = held[s, 2] + t[2, 0] * d0 + t[2, 1] * d1 + t[2, 2] * d2
-                f0 += h0
-                f1 += h1
-                f2 += h2
-                window[j + shift, 0] += h0
-                window[j + shift, 1] += h1
-                window[j + shift, 2] += h2
-            out[i, 0], out[i, 1], out[i, 2] = -f0, -f1, -f2
+            _scatter(i, start[i], count[i], index, weight, x, volume, t, held, shift, window, out)
 
 
 @njit(cache=True, parallel=True)
-def _traction_sweep(start, count, index, weight, x, volume, traction, rows, low, offset, window, out):
+def _traction_sweep(start, count, index, weight, x, volume, traction, longest, rows, low, offset, window, out):
     for block in prange(rows.shape[0] - 1):
         window[offset[block] : offset[block + 1]] = 0.0
-        shift = offset[block] - low[block]
+        held = np.zeros((longest, 3))
         for i in range(rows[block], rows[block + 1]):
-            t = traction[i]
-            f0, f1, f2 = 0.0, 0.0, 0.0
-            for slot in range(start[i], start[i] + count[i]):
-                j = index[slot]
-                a = volume[j] * weight[slot]
-                d0, d1, d2 = a * (x[j, 0] - x[i, 0]), a * (x[j, 1] - x[i, 1]), a * (x[j, 2] - x[i, 2])
-                h0 = t[0, 0] * d0 + t[0, 1] * d1 + t[0, 2] * d2
-                h1 = t[1, 0] * d0 + t[1, 1] * d1 + t[1, 2] * d2
-                h2 = t[2, 0] * d0 + t[2, 1] * d1 + t[2, 2] * d2
-                f0 += h0
-                f1 += h1
-                f2 += h2
-                window[j + shift, 0] += h0
-                window[j + shift, 1] += h1
-                window[j + shift, 2] += h2
-            out[i, 0], out[i, 1], out[i, 2] = -f0, -f1, -f2
+            _scatter(
+                i, start[i], count[i], index, weight, x, volume, traction[i], held, offset[block] - low[block],
+                window, out,
+            )  # fmt: skip
+
+
+@njit(cache=True)
+def _scatter(i, begin, neighbours, index, weight, x, volume, t, held, shift, window, out):
+    # Forces on the bonds of row i, those of its traction and others that are held: out of the row, into the window.
+    f0, f1, f2 = 0.0, 0.0, 0.0
+    for s in range(neighbours):
+        j = index[begin + s]
+        a = volume[j] * weight[begin + s]
+        d0, d1, d2 = a * (x[j, 0] - x[i, 0]), a * (x[j, 1] - x[i, 1]), a * (x[j, 2] - x[i, 2])
+        h0 = held[s, 0] + t[0, 0] * d0 + t[0, 1] * d1 + t[0, 2] * d2
+        h1 = held[s, 1] + t[1, 0] * d0 + t[1, 1] * d1 + t[1, 2] * d2
+        h2 = held[s, 2] + t[2, 0] * d0 + t[2, 1] * d1 + t[2, 2] * d2
+        f0 += h0
+        f1 += h1
+        f2 += h2
+        window[j + shift, 0] += h0
+        window[j + shift, 1] += h1
+        window[j + shift, 2] += h2
+    out[i, 0], out[i, 1], out[i, 2] = -f0, -f1, -f2
 
 
 @njit(cache=True)
