@@ -11,9 +11,8 @@ corners of the particle's own cell: between particles as often as near them, whe
 or in rows. Corners see no farther than the particle does; so that nothing depends on who is at the edge of its sight,
 neighbours fade towards it.
 
-The mean of two kernel metrics has a larger determinant than either, so that a pair would weigh too little; each
-particle's own metric is used, and all that are listed near it, for the mean metric may leave some out. Beyond a convex
-edge comes no wall but material that is there anyway: a mirror image counts only where it lies in the tool.
+The metric is the particle's own, as everywhere (:mod:`ppmc.solver.neighbours`). Beyond a convex edge comes no wall but
+material that is there anyway: a mirror image counts only where it lies in the tool.
 """
 
 # mypy: disable-error-code="no-untyped-def"
