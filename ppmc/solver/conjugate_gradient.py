@@ -43,7 +43,7 @@ class Solution:
 
 def conjugate_gradient(
     apply: Field, project: Field, precondition: Field, right_side: np.ndarray, start: np.ndarray, *, tolerance: float,
-    max_iterations: int, window: int = 8, power_tolerance: float = np.inf,
+    max_iterations: int, window: int = 8, power_tolerance: float = np.inf, negligible: float = 0.0,
     watch: Callable[[np.ndarray], bool] | None = None,
 ) -> Solution:  # fmt: skip
     """Solve P A P w = P (b - A v_start), v = v_start + w.
@@ -68,6 +68,9 @@ def conjugate_gradient(
         Iterations between estimates.
     power_tolerance : float
         Estimated relative error of the power v . A v at which to stop; both estimates must be met.
+    negligible : float
+        Speed, mm/s: errors are relative to this where the root mean square of the velocities falls below, and the power
+        does not count.
     watch : callable, optional
         Called with the velocities after each window; true stops the solve (used to measure true errors).
 
@@ -95,6 +98,7 @@ def conjugate_gradient(
     changes: list[float] = []
     gains: list[float] = []
     gain = 0.0
+    least = len(v) * negligible**2
     estimate, done = np.inf, 0
     while done < max_iterations:
         if not np.isfinite(rz):
@@ -121,13 +125,14 @@ def conjugate_gradient(
         done += 1
         if done % window == 0:
             np.subtract(v, mark, out=mark)
-            changes.append(np.sqrt(dot(mark, mark) / max(dot(v, v), 1e-300)))
+            size = dot(v, v)
+            changes.append(np.sqrt(dot(mark, mark) / max(size, least, 1e-300)))
             mark[:] = v
             estimate = _series_remainder(changes)
             power = abs(dot(v, right_side) - dot(v, residual))
             gains.append(gain / max(power, 1e-300))
             gain = 0.0
-            settled = _series_remainder(gains) < power_tolerance
+            settled = size < least or _series_remainder(gains) < power_tolerance
             if (estimate < tolerance and settled) or (watch is not None and watch(v)):
                 break
     return Solution(v, residual, done, float(estimate), bool(estimate < tolerance))

@@ -24,8 +24,9 @@ ROUGH_WINDOW, WINDOW = 4, 8  # iterations between estimates of the error
 
 
 def solve_with_contacts(
-    model: Model, state: ParticleState, operator: Operator, contacts: Contacts, time_step: float, report: StepReport
-) -> Solution:
+    model: Model, state: ParticleState, operator: Operator, contacts: Contacts, time_step: float, report: StepReport,
+    negligible: float,
+) -> Solution:  # fmt: skip
     """Find the velocities of a step and the faces that touch.
 
     Parameters
@@ -40,6 +41,8 @@ def solve_with_contacts(
         s.
     report : StepReport
         Iterations, passes and errors are added.
+    negligible : float
+        Speed of the charge, mm/s, below which it is not worth resolving.
 
     Returns
     -------
@@ -72,7 +75,7 @@ def solve_with_contacts(
             system.apply, system.project, system.precondition, right_side,
             system.feasible(velocities, held), tolerance=rough * model.settings.velocity_tolerance,
             max_iterations=model.settings.max_iterations, power_tolerance=rough * model.settings.power_tolerance,
-            window=WINDOW if rough == 1.0 else ROUGH_WINDOW,
+            window=WINDOW if rough == 1.0 else ROUGH_WINDOW, negligible=negligible,
         )  # fmt: skip
         velocities = solution.velocities
         report.iterations += solution.iterations

@@ -50,7 +50,7 @@ def frame(integrator: ImplicitIntegrator, time: float) -> tuple[np.ndarray, dict
 def measure_packing(integrator: ImplicitIntegrator, time: float) -> np.ndarray:
     """Packing of each particle, shape (n,), from positions, current volumes and walls."""
     integrator.refresh_neighbours()
-    return integrator.packing(integrator.weigh(integrator.state.position), time)
+    return integrator.packing(integrator.weigh(integrator.state.position), time).value
 
 
 def _normal_fields(state: ParticleState) -> dict[str, np.ndarray]:

@@ -8,18 +8,22 @@ volumetric strain to keep the volume, and the deviatoric fibre stress turns a th
 fibre.
 """
 
+import math
+
 import numpy as np
 
 from ppmc.solver import materials
 from ppmc.solver.contact import Contacts, between_wall_layers
 from ppmc.solver.contact_passes import solve_with_contacts
-from ppmc.solver.gradient import mean_around, moments_and_gradient
+from ppmc.solver.gradient import mean_around, moments_and_gradient, velocity_gradient
 from ppmc.solver.kernel_shape import follow_lattice, inverse_shape, limited, rearrangement_rate, smoothness
 from ppmc.solver.model import Model, StepReport
 from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, cell_order, extents, list_is_stale, weigh_pairs
 from ppmc.solver.operator import Operator, assemble
+from ppmc.solver.packing import Packing
 from ppmc.solver.smoothing import SUPPORT, pair_weight
 from ppmc.solver.state import ParticleState
+from ppmc.solver.time_step import limit_rate
 from ppmc.solver.tool_loads import account
 from ppmc.solver.tools import RATE_MEMORY
 from ppmc.solver.transport import convect_deformation, convect_directions, jeffery_increment
@@ -28,6 +32,9 @@ from ppmc.solver.volume_balance import correct_volume, measured_packing, referen
 SKIN = 0.1  # of the support radius
 LEAST_STRAIN = 1e-3  # of the mean strain of a step: nothing flows below
 STARTS = 3  # solves from rest: only the second and third know how wall layers flatten
+EXCEEDED, MOST_PARTS = 2.0, 16  # times its limits that divide a step; parts at once
+MOST_DIVISIONS = 4
+RESTING = 0.01  # displacement in a step, in spacings, that is not worth resolving while all tools rest
 TOUCH = 1e-6  # gap, in spacings, at which a face counts as touched
 
 
@@ -102,9 +109,22 @@ class ImplicitIntegrator:
         return float("inf")
 
     def step(self, time: float, time_step: float) -> StepReport:
-        """Advance the state from `time` by `time_step` (s)."""
+        """Advance the state from `time` by `time_step` (s), in parts where the limits turn out to be exceeded.
+
+        The length of a step is chosen by the flow before it, which knows nothing of a tool that strikes the charge.
+        """
+        return self._step(time, time_step, MOST_DIVISIONS)
+
+    def _step(self, time: float, time_step: float, divisions: int) -> StepReport:
         self.refresh_neighbours()
-        return self._solve(time, time_step, update=True)
+        report = self._solve(time, time_step, update=True, divisible=divisions > 0)
+        if report.parts > 1:
+            part, tried = time_step / report.parts, report
+            for k in range(report.parts):
+                report = self._step(time + k * part, part, divisions - 1)
+                report.add_work_of(tried)
+                tried = report
+        return report
 
     def operator(self, ahead: float, time: float, time_step: float) -> Operator:
         """Operator at the positions predicted for `ahead` seconds later."""
@@ -129,7 +149,16 @@ class ImplicitIntegrator:
             control.smooth_flow * smoothness(state.flow_residual) * viscosity.shear * share,
         )  # fmt: skip
 
-    def _solve(self, time: float, dt: float, update: bool) -> StepReport:
+    def _parts(self, operator: Operator, velocities: np.ndarray, dt: float) -> int:
+        """Parts into which a step with these velocities is to be divided, one if it keeps its limits."""
+        settings = self.model.settings
+        gradient = velocity_gradient(
+            operator.pairs, operator.positions, operator.volumes, operator.inverse, velocities
+        )  # fmt: skip
+        used = dt * limit_rate(gradient, settings.max_strain_increment, settings.max_displacement)
+        return math.ceil(min(used, MOST_PARTS)) if used > EXCEEDED else 1
+
+    def _solve(self, time: float, dt: float, update: bool, divisible: bool = False) -> StepReport:
         state, model = self.state, self.model
         speed = np.linalg.norm(model.walls.offsets(time + dt) - model.walls.offsets(time), axis=1).max(initial=0.0)
         pushed = model.walls.forced.velocities(dt)
@@ -142,7 +171,13 @@ class ImplicitIntegrator:
         operator = self.operator(0.5 * dt if update else 0.0, time, dt)
         report = StepReport(time_step=dt)
         self.measured = None  # not needed while the solve holds most
-        solution = solve_with_contacts(model, state, operator, contacts, dt, report)
+        # Nothing drives what still flows between tools at rest.
+        negligible = RESTING * model.spacing / dt if speed == 0.0 else 0.0
+        solution = solve_with_contacts(model, state, operator, contacts, dt, report, negligible)
+        if divisible:
+            report.parts = self._parts(operator, solution.velocities, dt)
+            if report.parts > 1:
+                return report
         account(model, state, operator, contacts, solution, dt, report)
         self.remember(contacts)
         model.walls.forced.adjust(report.tool_force, started=update)
@@ -205,8 +240,8 @@ class ImplicitIntegrator:
         if self.affine:
             state.kernel_shape = limited(state.lattice_shape, self.model.settings.kernel_aspect_limit)
 
-    def packing(self, pairs: Pairs, time: float) -> np.ndarray:
-        """Packing of each particle, shape (n,)."""
+    def packing(self, pairs: Pairs, time: float) -> Packing:
+        """Packing of each particle."""
         model = self.model
         return measured_packing(
             self.state, model.walls, time, pairs, *self.metric(self.state.kernel_shape), model.smoothing_length,

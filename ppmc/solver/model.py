@@ -23,6 +23,13 @@ class StepReport:
     zero_energy_share: float = 0.0
     tool_force: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     tool_moment: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    parts: int = 1  # into which the step is to be divided, with nothing advanced, if more than one
+
+    def add_work_of(self, other: "StepReport") -> None:
+        """Count in what another solve took: parts of a step are reported as one."""
+        self.iterations += other.iterations
+        self.passes += other.passes
+        self.unconverged += other.unconverged
 
 
 @dataclass

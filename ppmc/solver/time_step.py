@@ -25,15 +25,17 @@ def proposed_step(
     previous : float
         Last step, s (infinite for none); steps grow gradually.
     """
+    fastest = limit_rate(velocity_gradient, max_strain, max_displacement)
+    step = min(longest, GROWTH * previous)
+    return min(step, 1.0 / fastest) if fastest > 0.0 else step
+
+
+def limit_rate(velocity_gradient: np.ndarray, max_strain: float, max_displacement: float) -> float:
+    """Limits reached per second, 1/s: a step of its inverse just keeps both; arguments as above."""
     rate = 0.5 * (velocity_gradient + np.swapaxes(velocity_gradient, -1, -2))
     strain_rate = float(np.quantile(np.sqrt(np.einsum("nij,nij->n", rate, rate)), 0.99))
     turning = float(np.sqrt(np.einsum("nij,nij->n", velocity_gradient, velocity_gradient).max(initial=0.0)))
-    step = min(longest, GROWTH * previous)
-    if strain_rate > 0.0:
-        step = min(step, max_strain / strain_rate)
-    if turning > 0.0:
-        step = min(step, 4.0 * max_displacement / turning)
-    return step
+    return max(strain_rate / max_strain, turning / (4.0 * max_displacement))
 
 
 def fit_to_times(time: float, step: float, target: float) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ppmc.solver.kernel_shape import aspect_ratio, smoothness
 from ppmc.solver.neighbours import Pairs
-from ppmc.solver.packing import INTERIOR, NearWalls, interior_mean, packing
+from ppmc.solver.packing import NearWalls, Packing, inside, interior_mean, packing
 from ppmc.solver.smoothing import SUPPORT
 from ppmc.solver.state import ParticleState
 from ppmc.solver.tools import Walls
@@ -26,8 +26,8 @@ RESOLVED = 1.5
 def measured_packing(
     state: ParticleState, walls: Walls, time: float, pairs: Pairs, inverse_shape: np.ndarray | None, longest: float,
     smoothing_length: float, spacing: float,
-) -> np.ndarray:  # fmt: skip
-    """Packing of each particle at its present place and volume, shape (n,).
+) -> Packing:  # fmt: skip
+    """Packing of each particle at its present place and volume.
 
     Arguments are those of :func:`ppmc.solver.packing.packing`, and the longest axis of all kernels; spheres have no
     `inverse_shape`.
@@ -41,13 +41,14 @@ def measured_packing(
     )  # fmt: skip
 
 
-def reference_packing(pairs: Pairs, found: np.ndarray, smoothing_length: float) -> np.ndarray:
+def reference_packing(pairs: Pairs, found: Packing, smoothing_length: float) -> np.ndarray:
     """Packing (n,) that a charge has at its start and will be held to."""
-    return np.clip(interior_mean(pairs, found, found > INTERIOR, smoothing_length), 0.9, 1.1)
+    interior = inside(pairs, found, smoothing_length)
+    return np.clip(interior_mean(pairs, found.value, interior, smoothing_length), 0.9, 1.1)
 
 
 def correct_volume(
-    state: ParticleState, pairs: Pairs, found: np.ndarray, strain: np.ndarray, rate: float, smoothing_length: float,
+    state: ParticleState, pairs: Pairs, found: Packing, strain: np.ndarray, rate: float, smoothing_length: float,
     aspect_limit: float,
 ) -> None:  # fmt: skip
     """Draw J and the volumetric part of F towards what the packing shows.
@@ -57,8 +58,7 @@ def correct_volume(
     state : ParticleState
         Its `volume_ratio` and the volumetric part of its `deformation_gradient` are changed.
     pairs : Pairs
-    found : ndarray, shape (n,)
-        Packing.
+    found : Packing
     strain : ndarray, shape (n,)
         Strain of the step.
     rate : float
@@ -68,8 +68,8 @@ def correct_volume(
     aspect_limit : float
         Largest aspect ratio of the kernel.
     """
-    interior = found > INTERIOR
-    wrong = interior_mean(pairs, found, interior, smoothing_length) / state.packing_reference - 1.0
+    interior = inside(pairs, found, smoothing_length)
+    wrong = interior_mean(pairs, found.value, interior, smoothing_length) / state.packing_reference - 1.0
     wrong = np.clip(wrong, -MOST_WRONG, MOST_WRONG)
     resolved = np.minimum(1.0, RESOLVED * aspect_limit / aspect_ratio(state.lattice_shape)) ** 8
     rough = 1.0 - smoothness(state.flow_residual)

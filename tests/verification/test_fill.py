@@ -63,7 +63,11 @@ def filled(request) -> tuple[ParticleState, dict[float, tuple[np.ndarray, ...]]]
             integrator.step(time, step)
             time += step
         x = integrator.state.position
-        frames[end] = x, integrator.packing(integrator.weigh(x), end), integrator.model.walls.tools.distances(x, end)[0]
+        frames[end] = (
+            x,
+            integrator.packing(integrator.weigh(x), end).value,
+            integrator.model.walls.tools.distances(x, end)[0],
+        )
     return integrator.state, frames
 
 
