@@ -28,8 +28,8 @@ from ppmc.files.provenance import Provenance
 from ppmc.files.storage import whole_file
 from ppmc.files.text import attribute, put_attribute, put_json
 
-LOCKED_TRIES = 50
-LOCKED_WAIT_SECONDS = 0.1
+# A viewer that reads a long series holds the lock for long, and a run of hours must not end for that.
+LOCKED_SECONDS, LOCKED_WAIT_SECONDS = 600.0, 0.2
 
 
 class SeriesWriter:
@@ -266,13 +266,16 @@ def _put_frame(dataset: h5py.Dataset, k: int, values: NDArray[Any]) -> None:
 @contextmanager
 def _reopened(path: Path) -> Iterator[h5py.File]:
     """Open a growing file for the moment of a frame; wait while a viewer holds it."""
-    for left in range(LOCKED_TRIES, -1, -1):
+    end = clock.monotonic() + LOCKED_SECONDS
+    while True:
         try:
             file = h5py.File(path, "r+")
             break
         except BlockingIOError:
-            if left == 0:
-                raise
+            if clock.monotonic() > end:
+                raise StorageError(
+                    f"{path}: another program has held it open for {LOCKED_SECONDS:.0f} s; close that, and resume"
+                ) from None
             clock.sleep(LOCKED_WAIT_SECONDS)
     with file:
         yield file

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ppmc.errors import InputFileError
+from ppmc.errors import InputFileError, StorageError
 from ppmc.files import Provenance, SeriesWriter, open_series
 
 N = 50
@@ -51,6 +55,37 @@ def same_frame(got: dict[str, np.ndarray], k: int, n: int = N) -> None:
     assert np.array_equal(got["position"], x)
     for name, values in fields.items():
         assert np.array_equal(got[name].reshape(values.shape), values), name
+
+
+@contextmanager
+def held_open(path: Path) -> Iterator[None]:
+    """As by a viewer: HDF5 takes a shared lock on what it reads."""
+    with path.open("rb") as handle:
+        fcntl.flock(handle, fcntl.LOCK_SH)
+        yield
+
+
+def test_a_frame_waits_while_a_viewer_holds_the_file(tmp_path: Path) -> None:
+    writer = grow(tmp_path / "flow.partial.vtkhdf", 1)
+    x, fields = frame(1)
+    late = threading.Thread(target=writer.append, args=(0.1, x, fields, {"press_force": 1.0}))
+    with held_open(writer.path):
+        late.start()
+        time.sleep(0.5)
+        assert writer.frames == 1
+    late.join()
+    assert writer.frames == 2
+    with open_series(writer.path, "flow") as flow:
+        same_frame(flow.frame(1), 1)
+
+
+def test_a_viewer_that_never_lets_go_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ppmc.files.growing.LOCKED_SECONDS", 0.0)
+    writer = grow(tmp_path / "flow.partial.vtkhdf", 1)
+    x, fields = frame(1)
+    with held_open(writer.path), pytest.raises(StorageError, match=r"flow\.partial\.vtkhdf: another program"):
+        writer.append(0.1, x, fields, {"press_force": 1.0})
+    assert writer.frames == 1
 
 
 @pytest.mark.parametrize("sealed", [False, True])
