@@ -1,10 +1,14 @@
 """Balance, packing and holes of a pin bracket's fill, frame by frame.
 
-    python pipelines/benchmarks/solver_fill.py runs/bracket_coarse/flow.vtkhdf --spacing 1 --height 6 --speed 3.55
+    python pipelines/benchmarks/solver_fill.py runs/bracket/flow.vtkhdf --spacing 0.5
 
-Above the base: share of the particles whose centres have passed the height of the charge, against the share of its
-volume that the ram has displaced. Packing: 5, 50 and 95 % of the particles in the interior. Largest hole: of all points
-of the flanges between the particles of a last frame, the farthest from any particle, in spacings.
+Passed: share of the charge above the mouths of the flanges, each particle counted by the part of its room that is
+there, against the share of its volume that the ram has displaced; the same by centres. Packing: 5, 50 and 95 % of the
+particles in the interior. Power: dissipation over the ram's, of the step that ends there (finished runs only). Largest
+hole: of all points of the flanges that should be full at the end, the farthest from any particle, in spacings.
+
+The bracket is that of configs/bracket.yaml; `--set` changes it as in `ppmc part pin_bracket`. Growing files can be read
+while they are written.
 """
 
 from __future__ import annotations
@@ -12,12 +16,60 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import h5py
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ppmc.files import open_series
+from ppmc.geometry.parts.pin_bracket import PinBracket
+
 INTERIOR = 0.93  # packing above which a particle counts as inside
 SAMPLES = 200_000
+ABOVE = 1.5  # height above the mouths up to which the rooms of particles can reach across them, in spacings
+CORNER = 1.0  # of a particle from the farthest point of its room: half a diagonal of a cell, and some more
+
+
+def share_passed(points: np.ndarray, ram: float, part: PinBracket, spacing: float, fine: float) -> float:
+    """Share of particles (n, 3) of equal volume that has passed into the flanges, with the ram at a height, mm.
+
+    A row lies across the mouths. Each particle counts by the part of its room that is above them: the points of the
+    cavity that are nearest to it, on a grid of `fine` spacings.
+    """
+    tree, plane = cKDTree(points), part.charge_height
+    below, above = np.zeros(len(points)), np.zeros(len(points))
+    mouths = [(start, start + part.flange_thickness) for start in part.flange_starts]
+    for (left, right), low, high, room in [((0.0, part.length), ram, plane, below)] + [
+        (mouth, plane, plane + ABOVE * spacing, above) for mouth in mouths
+    ]:
+        sides = [(left, right), (0.0, part.width), (low, high)]
+        counts = [max(1, round((b - a) / (fine * spacing))) for a, b in sides]
+        axes = [a + (np.arange(n) + 0.5) * (b - a) / n for n, (a, b) in zip(counts, sides, strict=True)]
+        size = np.prod([(b - a) / n for n, (a, b) in zip(counts, sides, strict=True)])
+        for x in axes[0]:
+            at = np.stack(np.meshgrid([x], *axes[1:], indexing="ij"), axis=-1).reshape(-1, 3)
+            # What is farther from all particles is empty: a gap above an edge.
+            distance, nearest = tree.query(at)
+            room += size * np.bincount(nearest[distance < CORNER * spacing], minlength=len(points))
+    seen = below + above > 0.0
+    return float(np.where(seen, above / np.where(seen, below + above, 1.0), points[:, 2] > plane).mean())
+
+
+def largest_hole(points: np.ndarray, part: PinBracket, spacing: float) -> float:
+    """Distance of the emptiest point of the closed flanges from all particles, in spacings."""
+    radius, middle = part.hole_diameter / 2.0, part.width / 2.0
+    hole = part.charge_height + part.hole_height
+    rng, tree, farthest = np.random.default_rng(0), cKDTree(points), 0.0
+    edge = 0.5 * spacing  # centres stay half a spacing off the walls
+    for start in part.flange_starts:
+        low = np.array([start + edge, edge, part.charge_height])
+        high = np.array(
+            [start + part.flange_thickness - edge, part.width - edge, part.charge_height + part.flange_height - edge]
+        )
+        at = rng.uniform(low, high, (SAMPLES, 3))
+        inside = np.hypot(at[:, 1] - middle, at[:, 2] - hole) > radius + edge
+        if part.top == "round":
+            inside &= np.hypot(at[:, 1] - middle, np.maximum(at[:, 2] - hole, 0.0)) < middle - edge
+        farthest = max(farthest, float(tree.query(at[inside])[0].max()))
+    return farthest / spacing
 
 
 def main() -> None:
@@ -25,40 +77,36 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("flow", type=Path)
     parser.add_argument("--spacing", type=float, required=True, help="of the particles, mm")
-    parser.add_argument("--height", type=float, required=True, help="of the charge, mm")
-    parser.add_argument("--speed", type=float, required=True, help="of the ram, mm/s")
-    parser.add_argument("--flange", type=float, nargs=2, default=(15.0, 20.0), help="its extent along x1, mm")
-    parser.add_argument("--pin", type=float, nargs=3, default=(17.0, 29.566521509724982, 6.35), help="x2, x3, radius")
+    parser.add_argument("--set", nargs="*", default=(), metavar="NAME=VALUE", help="dimensions of another bracket, mm")
+    parser.add_argument("--fine", type=float, default=0.2, help="of the grid that measures rooms, in spacings")
     given = parser.parse_args()
-    with h5py.File(given.flow) as file:
-        group = file["VTKHDF"]
-        times = group["Steps/Values"][:]
-        points = group["Points"][:].reshape(len(times), -1, 3)
-        packing = group["PointData/packing"][:].reshape(len(times), -1)
-        ratio = group["PointData/volume_ratio"][:].reshape(len(times), -1)
-    print("   time  above  balance   error  packing 5, 50, 95 %   mean J")
-    for k, time in enumerate(times):
-        above = float(np.mean(points[k, :, 2] > given.height))
-        balance = given.speed * time / given.height
-        low, middle, high = np.quantile(packing[k][packing[k] > INTERIOR], [0.05, 0.5, 0.95])
-        error = 100.0 * (above / balance - 1.0) if balance > 0.0 else 0.0
-        print(
-            f"{time:7.3f} {above:6.4f}  {balance:7.4f} {error:+6.2f}%  {low:.3f} {middle:.3f} {high:.3f}"
-            f"   {ratio[k].mean():.4f}"
-        )
-    print(f"largest hole in the flange: {largest_hole(points[-1], given):.2f} spacings")
+    part = PinBracket.model_validate(dict(pair.split("=", 1) for pair in given.set))
+    print("   time  passed  error  by centres   packing 5, 50, 95 %   mean J  power")
+    with open_series(given.flow, "flow") as flow:
+        history = flow.history
+        for k, time in enumerate(flow.times):
+            frame = flow.frame(k, ("packing", "volume_ratio"))
+            ram = min(part.closing_speed * float(time), part.stroke)
+            if ram == 0.0:
+                continue
+            balance = ram / part.charge_height
+            passed = share_passed(frame["position"], ram, part, given.spacing, given.fine)
+            centres = float(np.mean(frame["position"][:, 2] > part.charge_height))
+            low, middle, high = np.quantile(frame["packing"][frame["packing"] > INTERIOR], [0.05, 0.5, 0.95])
+            power = _power_ratio(history, float(time), part) if history else float("nan")
+            errors = 100.0 * (np.array([passed, centres]) / balance - 1.0)
+            print(
+                f"{time:7.3f} {passed:7.4f} {errors[0]:+6.2f}% {errors[1]:+6.2f}%       "
+                f"{low:.3f} {middle:.3f} {high:.3f}       {frame['volume_ratio'].mean():.4f}  {power:.2f}"
+            )
+        last = flow.frame(-1, ())["position"]
+    print(f"largest hole: {largest_hole(last, part, given.spacing):.2f} spacings")
 
 
-def largest_hole(points: np.ndarray, given: argparse.Namespace) -> float:
-    """Distance of the emptiest point of a flange from all particles, in spacings."""
-    (first, last), (y, z, radius) = given.flange, given.pin
-    here = points[(points[:, 0] > first) & (points[:, 0] < last) & (points[:, 2] > given.height)]
-    low, high = here.min(axis=0), here.max(axis=0)
-    at = np.random.default_rng(0).uniform(low, high, (SAMPLES, 3))
-    outer = 0.5 * (high[1] - low[1])
-    round_top = np.hypot(at[:, 1] - y, np.maximum(at[:, 2] - (high[2] - outer), 0.0)) < outer
-    at = at[round_top & (np.hypot(at[:, 1] - y, at[:, 2] - z) > radius)]
-    return float(cKDTree(points).query(at)[0].max()) / given.spacing
+def _power_ratio(history: dict[str, np.ndarray], time: float, part: PinBracket) -> float:
+    k = int(np.argmin(np.abs(history["time"] - time)))
+    force = -float(history["force_ram_z"][k])
+    return float(history["dissipation"][k]) / (force * part.closing_speed) if force > 0.0 else float("nan")
 
 
 if __name__ == "__main__":
