@@ -105,7 +105,9 @@ class Contacts:
         _split_reactions(self.active, self.normal, force, pressing, forces)
         return pressing, forces
 
-    def pressure_around(self, pressing: np.ndarray, pairs: Pairs, smoothing_length: float) -> np.ndarray:
+    def pressure_around(
+        self, pressing: np.ndarray, pairs: Pairs, smoothing_length: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Weighted mean of what presses at each touched face and at those of its neighbours that touch the same one.
 
         Parameters
@@ -118,14 +120,16 @@ class Contacts:
 
         Returns
         -------
-        ndarray, shape (m, 3); zero where nothing touches.
+        mean, scatter : ndarray, shape (m, 3)
+            The mean and the standard deviation from it; zero where nothing touches.
         """
-        out = np.zeros_like(pressing)
+        mean, scatter = np.zeros_like(pressing), np.zeros_like(pressing)
         _pressure_around(
             pairs.start, pairs.count, pairs.index, pairs.weight, pair_weight(0.0, smoothing_length), self.rows,
-            places(self.rows, len(pairs.count)), self.tool, self.normal, self.active, pressing, out,
+            places(self.rows, len(pairs.count)), self.tool, self.normal, self.active, pressing, mean,
+            scatter,
         )  # fmt: skip
-        return out
+        return mean, scatter
 
     def violations(self, velocities: np.ndarray, time_step: float) -> np.ndarray:
         """Penetration of inactive faces at the end of a step, shape (m, 3), mm; zero where there is none.
@@ -264,13 +268,15 @@ def _constrain(active, normal, gap, wall_velocity, dt, free, held):
 
 
 @njit(cache=True, parallel=True)
-def _pressure_around(start, count, index, weight, own, rows, place, tool, normal, active, pressing, out):
+def _pressure_around(
+    start, count, index, weight, own, rows, place, tool, normal, active, pressing, mean, scatter
+):  # fmt: skip
     for i in prange(active.shape[0]):
         begin, neighbours = start[rows[i]], count[rows[i]]
         for k in range(active.shape[1]):
             if not active[i, k]:
                 continue
-            total, mass = own * pressing[i, k], own
+            total, squares, mass = own * pressing[i, k], own * pressing[i, k] ** 2, own
             for slot in range(begin, begin + neighbours):
                 j = place[index[slot]]
                 if j < 0:
@@ -280,8 +286,10 @@ def _pressure_around(start, count, index, weight, own, rows, place, tool, normal
                         a, b = normal[i, k], normal[j, m]
                         if a[0] * b[0] + a[1] * b[1] + a[2] * b[2] > SAME_FACE:
                             total += weight[slot] * pressing[j, m]
+                            squares += weight[slot] * pressing[j, m] ** 2
                             mass += weight[slot]
-            out[i, k] = total / mass
+            mean[i, k] = total / mass
+            scatter[i, k] = np.sqrt(max(squares / mass - mean[i, k] ** 2, 0.0))
 
 
 @njit(cache=True, parallel=True)

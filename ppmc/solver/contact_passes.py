@@ -17,6 +17,7 @@ from ppmc.solver.system import VelocitySystem
 from ppmc.solver.tool_loads import wall_drag
 
 RELEASE = 1e-3  # pull, in mean pressing reactions, that releases a contact
+SIGNIFICANT = 0.7  # the same, in standard deviations around: two of a mean over some eight neighbours
 NEGLIGIBLE, DEEPEST = 1e-3, 0.01  # penetration in spacings: not worth a pass; worth one beyond those allowed
 SPARE_PASSES = 2  # of such passes
 ROUGH = 10.0  # factor on tolerances while it is open which faces touch
@@ -112,8 +113,8 @@ def _changes(
     if may_release:
         positive = pressing[pressing > 0.0]
         limit = RELEASE * float(positive.mean()) if len(positive) else 0.0
-        around = contacts.pressure_around(pressing, operator.pairs, model.smoothing_length)
-        released = contacts.active & (around < -limit)
+        around, scatter = contacts.pressure_around(pressing, operator.pairs, model.smoothing_length)
+        released = contacts.active & (around < -limit) & (around < -SIGNIFICANT * scatter)
     return added, released, float(depth.max(initial=0.0))
 
 

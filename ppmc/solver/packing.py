@@ -42,7 +42,7 @@ FACES_SEEN = 4  # walls about a particle that count: a corner of a narrow gap ha
 IMAGES = 15  # of a neighbour near four walls: itself, and those behind each, each two and each three of them
 INTERIOR = 0.93  # packing above which a particle lies inside the material anyhow
 # At a plane surface a lattice reads 0.71 with a fall of 0.30, in the second row 0.96 with 0.04.
-EXPOSED_PACKING, EXPOSED_FALL = 0.87, 0.2  # below and above which a particle is exposed
+EXPOSED_PACKING, EXPOSED_FALL = 0.87, 0.15  # below and above which a particle is exposed
 MOST_EXPOSED = 0.05  # weighted share of exposed neighbours with which a particle still counts as inside
 
 

@@ -12,7 +12,9 @@ from tests.solver.scenes import Squeeze, make_squeeze
 
 
 def stretch_after(steps: int) -> np.ndarray:
-    integrator = make_squeeze((5, 5, 5), ratio=20.0, angle=33.0, reduction=0.6, velocity_tolerance=1e-7)
+    integrator = make_squeeze(
+        (5, 5, 5), ratio=20.0, angle=33.0, reduction=0.6, velocity_tolerance=1e-7, max_strain_increment=0.2
+    )
     integrator.initialise(0.0, 1e-9)
     for k in range(steps):
         integrator.step(k / steps, 1.0 / steps)
