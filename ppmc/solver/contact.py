@@ -105,9 +105,7 @@ class Contacts:
         _split_reactions(self.active, self.normal, force, pressing, forces)
         return pressing, forces
 
-    def pressure_around(
-        self, pressing: np.ndarray, pairs: Pairs, smoothing_length: float
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def pressure_around(self, pressing: np.ndarray, pairs: Pairs, smoothing_length: float) -> np.ndarray:
         """Weighted mean of what presses at each touched face and at those of its neighbours that touch the same one.
 
         Parameters
@@ -120,16 +118,14 @@ class Contacts:
 
         Returns
         -------
-        mean, scatter : ndarray, shape (m, 3)
-            The mean and the standard deviation from it; zero where nothing touches.
+        ndarray, shape (m, 3); zero where nothing touches.
         """
-        mean, scatter = np.zeros_like(pressing), np.zeros_like(pressing)
+        out = np.zeros_like(pressing)
         _pressure_around(
             pairs.start, pairs.count, pairs.index, pairs.weight, pair_weight(0.0, smoothing_length), self.rows,
-            places(self.rows, len(pairs.count)), self.tool, self.normal, self.active, pressing, mean,
-            scatter,
+            places(self.rows, len(pairs.count)), self.tool, self.normal, self.active, pressing, out,
         )  # fmt: skip
-        return mean, scatter
+        return out
 
     def violations(self, velocities: np.ndarray, time_step: float) -> np.ndarray:
         """Penetration of inactive faces at the end of a step, shape (m, 3), mm; zero where there is none.
@@ -268,15 +264,13 @@ def _constrain(active, normal, gap, wall_velocity, dt, free, held):
 
 
 @njit(cache=True, parallel=True)
-def _pressure_around(
-    start, count, index, weight, own, rows, place, tool, normal, active, pressing, mean, scatter
-):  # fmt: skip
+def _pressure_around(start, count, index, weight, own, rows, place, tool, normal, active, pressing, out):
     for i in prange(active.shape[0]):
         begin, neighbours = start[rows[i]], count[rows[i]]
         for k in range(active.shape[1]):
             if not active[i, k]:
                 continue
-            total, squares, mass = own * pressing[i, k], own * pressing[i, k] ** 2, own
+            total, mass = own * pressing[i, k], own
             for slot in range(begin, begin + neighbours):
                 j = place[index[slot]]
                 if j < 0:
@@ -286,10 +280,8 @@ def _pressure_around(
                         a, b = normal[i, k], normal[j, m]
                         if a[0] * b[0] + a[1] * b[1] + a[2] * b[2] > SAME_FACE:
                             total += weight[slot] * pressing[j, m]
-                            squares += weight[slot] * pressing[j, m] ** 2
                             mass += weight[slot]
-            mean[i, k] = total / mass
-            scatter[i, k] = np.sqrt(max(squares / mass - mean[i, k] ** 2, 0.0))
+            out[i, k] = total / mass
 
 
 @njit(cache=True, parallel=True)

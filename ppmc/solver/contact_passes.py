@@ -17,7 +17,6 @@ from ppmc.solver.system import VelocitySystem
 from ppmc.solver.tool_loads import wall_drag
 
 RELEASE = 1e-3  # pull, in mean pressing reactions, that releases a contact
-SIGNIFICANT = 0.7  # the same, in standard deviations around: two of a mean over some eight neighbours
 NEGLIGIBLE, DEEPEST = 1e-3, 0.01  # penetration in spacings: not worth a pass; worth one beyond those allowed
 SPARE_PASSES = 2  # of such passes
 ROUGH = 10.0  # factor on tolerances while it is open which faces touch
@@ -113,8 +112,8 @@ def _changes(
     if may_release:
         positive = pressing[pressing > 0.0]
         limit = RELEASE * float(positive.mean()) if len(positive) else 0.0
-        around, scatter = contacts.pressure_around(pressing, operator.pairs, model.smoothing_length)
-        released = contacts.active & (around < -limit) & (around < -SIGNIFICANT * scatter)
+        around = contacts.pressure_around(pressing, operator.pairs, model.smoothing_length)
+        released = contacts.active & (around < -limit)
     return added, released, float(depth.max(initial=0.0))
 
 

@@ -87,3 +87,15 @@ def test_nothing_moves_or_costs_in_a_hold(ratio):
     assert np.abs(moved).max() < 0.02
     assert max(report.iterations for report in hold[1:]) < 72  # two solves of three windows each
     assert abs(integrator.state.volume_ratio - 1.0).max() < 1e-3
+
+
+def test_a_tool_that_withdraws_does_not_pull():
+    table = ((0.0, 0), (0.5, -GAP - 1.0), (1.0, -GAP))
+    integrator = between_plates(REST, table, ratio=1000.0, mixed=True)
+    pressing = in_steps(integrator, [0.3, 0.4, 0.45, 0.5])[-1]
+    assert pressing.tool_force[1, 2] > 0.0
+    away = [integrator.step(time, 0.05) for time in (0.5, 0.55, 0.6)]
+    for report in away:
+        assert report.tool_force[1, 2] > -0.01 * pressing.tool_force[1, 2]
+    distance = integrator.model.walls.tools.distances(integrator.state.position, 0.65)[0][1]
+    assert distance.min() > 0.4
