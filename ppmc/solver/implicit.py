@@ -33,7 +33,7 @@ SKIN = 0.1  # of the support radius
 LEAST_STRAIN = 1e-3  # of the mean strain of a step: nothing flows below
 STARTS = 3  # solves from rest: only the second and third know how wall layers flatten
 EXCEEDED, MOST_PARTS = 2.0, 16  # times its limits that divide a step; parts at once
-MOST_DIVISIONS = 4
+MOST_DIVISIONS = 4  # of parts into parts: what is left is taken as it is
 RESTING = 0.01  # displacement in a step, in spacings, that is not worth resolving while all tools rest
 TOUCH = 1e-6  # gap, in spacings, at which a face counts as touched
 
@@ -150,7 +150,7 @@ class ImplicitIntegrator:
         )  # fmt: skip
 
     def _parts(self, operator: Operator, velocities: np.ndarray, dt: float) -> int:
-        """Parts into which a step with these velocities is to be divided, one if it keeps its limits."""
+        """Parts into which a step of `dt` (s) with these velocities (n, 3), mm/s, is to be divided; one if it may stand."""
         settings = self.model.settings
         gradient = velocity_gradient(
             operator.pairs, operator.positions, operator.volumes, operator.inverse, velocities

@@ -10,7 +10,7 @@ from ppmc.solver.tools import Walls
 
 @dataclass
 class StepReport:
-    """What one step did; every number goes into the history."""
+    """What one step did; every number but `parts` goes into the history."""
 
     time_step: float = 0.0
     iterations: int = 0
