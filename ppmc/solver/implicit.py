@@ -150,7 +150,7 @@ class ImplicitIntegrator:
         )  # fmt: skip
 
     def _parts(self, operator: Operator, velocities: np.ndarray, dt: float) -> int:
-        """Parts into which a step of `dt` (s) with these velocities (n, 3), mm/s, is to be divided; one if it may stand."""
+        """Parts into which a step of `dt` (s) with velocities (n, 3), mm/s, is to be divided; one if it may stand."""
         settings = self.model.settings
         gradient = velocity_gradient(
             operator.pairs, operator.positions, operator.volumes, operator.inverse, velocities

@@ -12,8 +12,8 @@ or in rows. Corners see no farther than the particle does; so that nothing depen
 neighbours fade towards it.
 
 A free surface and a loose pocket inside read alike, but for what is next to them: the sum falls across the cell of a
-particle at a surface by a third to a half, across a cell in a pocket mostly by less than a tenth. Particles are taken for
-inside where none around them is exposed like that (:func:`inside`).
+particle at a surface by a third to a half, across a cell in a pocket mostly by less than a tenth. Particles are taken
+for inside where none around them is exposed like that (:func:`inside`).
 
 The metric is the particle's own, as everywhere (:mod:`ppmc.solver.neighbours`). Beyond a convex edge comes no wall but
 material that is there anyway: a mirror image counts only where it lies in the tool.
