@@ -25,7 +25,7 @@ class History:
         moments = tuple(f"moment_{tool}_{axis}" for tool in tools for axis in "xyz")
         self.columns = (
             "time", "step", "iterations", "passes", "estimated_error", "unconverged", "contacts", "penetration",
-            "dissipation", "hourglass_share", "mean_volume_ratio_error", "max_volume_ratio_error", "press_force",
+            "dissipation", "hourglass_share", "driven_share", "mean_volume_ratio_error", "max_volume_ratio_error", "press_force",
             *forces, *moments,
         )  # fmt: skip
         self.rows = [] if rows is None else rows.tolist()
@@ -40,8 +40,8 @@ class History:
         error = np.abs(state.volume_ratio - 1.0)
         row = [
             time, report.time_step, report.iterations, report.passes, report.estimated_error, report.unconverged,
-            report.contacts, report.penetration, report.dissipation, report.zero_energy_share, float(error.mean()),
-            float(error.max()), press_force, *report.tool_force.ravel().tolist(),
+            report.contacts, report.penetration, report.dissipation, report.zero_energy_share, report.driven_share,
+            float(error.mean()), float(error.max()), press_force, *report.tool_force.ravel().tolist(),
             *report.tool_moment.ravel().tolist(),
         ]  # fmt: skip
         self.rows.append([float(value) for value in row])

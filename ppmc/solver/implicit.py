@@ -35,6 +35,7 @@ STARTS = 3  # solves from rest: only the second and third know how wall layers f
 EXCEEDED, MOST_PARTS = 2.0, 16  # times its limits that divide a step; parts at once
 MOST_DIVISIONS = 4  # of parts into parts: what is left is taken as it is
 RESTING = 0.01  # displacement in a step, in spacings, that is not worth resolving while all tools rest
+UNMOVED = 1e-4  # speed of the charge, in parts of the fastest tool's, that is not worth resolving
 TOUCH = 1e-6  # gap, in spacings, at which a face counts as touched
 
 
@@ -171,8 +172,8 @@ class ImplicitIntegrator:
         operator = self.operator(0.5 * dt if update else 0.0, time, dt)
         report = StepReport(time_step=dt)
         self.measured = None  # not needed while the solve holds most
-        # Nothing drives what still flows between tools at rest.
-        negligible = RESTING * model.spacing / dt if speed == 0.0 else 0.0
+        # Nothing drives what still flows between tools at rest, or before they reach the charge.
+        negligible = (RESTING * model.spacing if speed == 0.0 else UNMOVED * float(speed)) / dt
         solution = solve_with_contacts(model, state, operator, contacts, dt, report, negligible)
         if divisible:
             report.parts = self._parts(operator, solution.velocities, dt)
@@ -187,7 +188,8 @@ class ImplicitIntegrator:
         if update:
             model.walls.forced.advance(pushed, dt)
             self._advance(velocities, dt)
-            self.balance_volume(time + dt, dt * strain_rate(state.velocity_gradient))
+            # The correction itself strains the charge: what follows from that must not ask for more of it.
+            self.balance_volume(time + dt, report.driven_share * dt * strain_rate(state.velocity_gradient))
         else:
             gradient, around, _ = self._gradient_at_start(velocities)
             if model.density == 0.0:

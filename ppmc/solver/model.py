@@ -21,6 +21,7 @@ class StepReport:
     penetration: float = 0.0
     dissipation: float = 0.0
     zero_energy_share: float = 0.0
+    driven_share: float = 1.0  # of the dissipation; what is left comes from the correction of packing
     tool_force: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     tool_moment: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     parts: int = 1  # into which the step is to be divided, with nothing advanced, if more than one

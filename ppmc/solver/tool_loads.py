@@ -59,7 +59,12 @@ def account(
     del resisted, gradient
     physical = float(np.sum(operator.volumes * power))
     # Pressure that builds up or dies down in the step is no dissipation.
-    report.dissipation = total - float(np.sum(operator.volumes * operator.bulk * swelling**2))
+    stored = float(np.sum(operator.volumes * operator.bulk * swelling**2))
+    report.dissipation = total - stored
+    held = operator.bulk * (state.volume_ratio - 1.0) / (state.volume_ratio * time_step)
+    report.driven_share = _driven_share(
+        report.dissipation, -float(np.sum(operator.volumes * held * swelling)) - stored
+    )  # fmt: skip
     report.zero_energy_share = max(0.0, (total - physical) / report.dissipation) if report.dissipation > 0.0 else 0.0
     _, forces = contacts.reactions(-solution.residual[contacts.rows])
     slide = v[contacts.rows, None, :] - contacts.wall_velocity
@@ -70,6 +75,11 @@ def account(
     add_tool_loads(model, contacts, forces + drag, operator.positions[contacts.rows], report)
     report.contacts = int(contacts.active.any(axis=1).sum())
     report.penetration = float(contacts.violations(v[contacts.rows], time_step).max(initial=0.0))
+
+
+def _driven_share(dissipation: float, released: float) -> float:
+    """Share of a dissipation that tools and inertia give, the pressure of earlier steps having `released` the rest."""
+    return float(np.clip(1.0 - released / dissipation, 0.0, 1.0)) if dissipation > 0.0 else 1.0
 
 
 def add_tool_loads(
