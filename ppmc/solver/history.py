@@ -25,8 +25,8 @@ class History:
         moments = tuple(f"moment_{tool}_{axis}" for tool in tools for axis in "xyz")
         self.columns = (
             "time", "step", "iterations", "passes", "estimated_error", "unconverged", "contacts", "penetration",
-            "dissipation", "hourglass_share", "driven_share", "mean_volume_ratio_error", "max_volume_ratio_error", "press_force",
-            *forces, *moments,
+            "dissipation", "hourglass_share", "driven_share", "mean_volume_ratio_error", "max_volume_ratio_error",
+            "press_force", *forces, *moments,
         )  # fmt: skip
         self.rows = [] if rows is None else rows.tolist()
         self.path = path
