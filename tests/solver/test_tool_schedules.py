@@ -7,7 +7,7 @@ from ppmc.geometry.toolset import compile_tools
 from ppmc.scene.materials.transversely_isotropic import TransverselyIsotropic
 from ppmc.scene.solver import SolverSection
 from ppmc.scene.tooling import PlaneTool
-from ppmc.solver.implicit import ImplicitIntegrator
+from ppmc.solver.implicit import ImplicitIntegrator, strain_rate
 from ppmc.solver.model import Model, StepReport
 from ppmc.solver.state import ParticleState
 from ppmc.solver.tools import Walls
@@ -73,6 +73,33 @@ def test_nothing_is_solved_on_the_free_way():
     reports = in_steps(integrator, [0.25, 0.5, 1.0])
     assert sum(report.iterations for report in reports) == 0
     np.testing.assert_array_equal(integrator.state.in_original_order(integrator.state.position), start)
+
+
+def test_what_the_charge_creeps_before_a_tool_arrives_is_not_resolved():
+    table = ((0.0, 0), (1.0, -0.9 * GAP))
+    integrator = between_plates(REST, table, ratio=1000.0, mixed=True)
+    integrator.initialise(0.0, 1e-3)
+    noise = np.random.default_rng(1).normal(size=integrator.state.velocity.shape)
+    integrator.state.velocity[:] = 1e-9 * noise
+    integrator.state.volume_ratio[:] += 1e-12 * noise[:, 0]
+    assert integrator.step(0.0, 0.1).iterations < 72  # two solves of three windows each
+    assert np.abs(integrator.state.velocity).max() < 1e-3
+
+
+def test_what_tools_give_and_what_pressure_gives_back_are_told_apart(monkeypatch):
+    """All of a squeeze is driven, and nothing of what swollen and shrunken particles do between resting tools."""
+    table = ((0.0, 0), (0.4, -GAP - 0.5), (1.0, -GAP - 0.5))
+    integrator = between_plates(REST, table, ratio=1000.0, mixed=True)
+    pressing = in_steps(integrator, [0.3, 0.35, 0.4])[-1]
+    assert pressing.driven_share == pytest.approx(1.0, abs=0.02)
+    integrator.state.volume_ratio[:] = 1.0 + np.random.default_rng(1).uniform(-0.02, 0.02, len(integrator.state))
+    asked: list[np.ndarray] = []
+    monkeypatch.setattr(integrator, "balance_volume", lambda _, strain: asked.append(strain))
+    relaxing = integrator.step(0.4, 1e-3)
+    assert relaxing.dissipation > pressing.dissipation
+    assert relaxing.driven_share < 0.01
+    # Else the correction of packing, which makes such flows, would feed on them.
+    assert asked[0].max() < 0.01 * 1e-3 * strain_rate(integrator.state.velocity_gradient).max()
 
 
 @pytest.mark.parametrize("ratio", [1.0, 1000.0])
