@@ -32,6 +32,8 @@ from ppmc.solver.volume_balance import correct_volume, measured_packing, referen
 SKIN = 0.1  # of the support radius
 LEAST_STRAIN = 1e-3  # of the mean strain of a step: nothing flows below
 STARTS = 3  # solves from rest: only the second and third know how wall layers flatten
+# Share of the dissipation that tools give, below which the correction of packing, which gives the rest, is curbed.
+LEAST_DRIVEN = 1.0 / 3.0
 EXCEEDED, MOST_PARTS = 2.0, 16  # times its limits that divide a step; parts at once
 MOST_DIVISIONS = 4  # of parts into parts: what is left is taken as it is
 RESTING = 0.01  # displacement in a step, in spacings, that is not worth resolving while all tools rest
@@ -188,8 +190,9 @@ class ImplicitIntegrator:
         if update:
             model.walls.forced.advance(pushed, dt)
             self._advance(velocities, dt)
-            # The correction itself strains the charge: what follows from that must not ask for more of it.
-            self.balance_volume(time + dt, report.driven_share * dt * strain_rate(state.velocity_gradient))
+            # The correction itself strains the charge: a flow that it makes must not ask for more of it.
+            driven = dt * min(report.driven_share / LEAST_DRIVEN, 1.0)
+            self.balance_volume(time + dt, driven * strain_rate(state.velocity_gradient))
         else:
             gradient, around, _ = self._gradient_at_start(velocities)
             if model.density == 0.0:
