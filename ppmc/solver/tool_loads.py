@@ -62,9 +62,9 @@ def account(
     stored = float(np.sum(operator.volumes * operator.bulk * swelling**2))
     report.dissipation = total - stored
     held = operator.bulk * (state.volume_ratio - 1.0) / (state.volume_ratio * time_step)
-    report.driven_share = _driven_share(
-        report.dissipation, -float(np.sum(operator.volumes * held * swelling)) - stored
-    )  # fmt: skip
+    released = -float(np.sum(operator.volumes * held * swelling)) - stored
+    moving = model.density > 0.0 or bool(contacts.wall_velocity[contacts.active].any())
+    report.driven_share = _driven_share(report.dissipation, released) if moving else 0.0
     report.zero_energy_share = max(0.0, (total - physical) / report.dissipation) if report.dissipation > 0.0 else 0.0
     _, forces = contacts.reactions(-solution.residual[contacts.rows])
     slide = v[contacts.rows, None, :] - contacts.wall_velocity
