@@ -35,7 +35,7 @@ from ppmc.solver.operator import Operator, assemble
 from ppmc.solver.power import material_power
 from ppmc.solver.reactions import add_reactions
 from ppmc.solver.reductions import dot
-from ppmc.solver.tool_loads import add_tool_loads
+from ppmc.solver.tool_loads import add_tool_loads, driven_share
 from ppmc.solver.tools import RATE_MEMORY
 from ppmc.solver.transport import (
     compose,
@@ -216,6 +216,9 @@ class ExplicitIntegrator(ImplicitIntegrator):
         report.dissipation = float(np.sum(state.velocity * operator.apply(state.velocity)))
         physical = float(np.sum(state.volume * material_power(operator, gradient)))
         report.zero_energy_share = max(0.0, 1.0 - physical / max(report.dissipation, 1e-300))
+        pressure = self.model.bulk_modulus * (1.0 - state.volume_ratio)
+        released = float(np.sum(state.volume * pressure * np.einsum("nii->n", gradient)))
+        report.driven_share = driven_share(report.dissipation, released)
         report.contacts = int(near.contacts.active.any(axis=1).sum())
 
     def _move(self, time: float, dt: float, refresh: bool = False) -> None:

@@ -64,7 +64,7 @@ def account(
     held = operator.bulk * (state.volume_ratio - 1.0) / (state.volume_ratio * time_step)
     released = -float(np.sum(operator.volumes * held * swelling)) - stored
     moving = model.density > 0.0 or bool(contacts.wall_velocity[contacts.active].any())
-    report.driven_share = _driven_share(report.dissipation, released) if moving else 0.0
+    report.driven_share = driven_share(report.dissipation, released) if moving else 0.0
     report.zero_energy_share = max(0.0, (total - physical) / report.dissipation) if report.dissipation > 0.0 else 0.0
     _, forces = contacts.reactions(-solution.residual[contacts.rows])
     slide = v[contacts.rows, None, :] - contacts.wall_velocity
@@ -77,8 +77,11 @@ def account(
     report.penetration = float(contacts.violations(v[contacts.rows], time_step).max(initial=0.0))
 
 
-def _driven_share(dissipation: float, released: float) -> float:
-    """Share of a dissipation that tools and inertia give, the pressure of earlier steps having `released` the rest."""
+def driven_share(dissipation: float, released: float) -> float:
+    """Share of a dissipation that tools and inertia give, where pressure that dies down has `released` the rest.
+
+    Both in uN mm/s; what pressure takes up counts negative.
+    """
     return float(np.clip(1.0 - released / dissipation, 0.0, 1.0)) if dissipation > 0.0 else 1.0
 
 
