@@ -8,13 +8,13 @@ import numpy as np
 from ppmc.solver.block_jacobi import restricted_inverse
 from ppmc.solver.coarse_grid import CELL, CoarseGrid, make_grid
 from ppmc.solver.conjugate_gradient import Solution, conjugate_gradient
-from ppmc.solver.contact import Contacts, between_wall_layers
+from ppmc.solver.contact import Contacts
 from ppmc.solver.model import Model, StepReport
 from ppmc.solver.operator import Operator
 from ppmc.solver.rigid_modes import free_rigid_modes
 from ppmc.solver.state import ParticleState
 from ppmc.solver.system import VelocitySystem
-from ppmc.solver.tool_loads import wall_drag
+from ppmc.solver.tool_loads import held_pressure, wall_drag
 
 RELEASE = 1e-3  # pull, in mean pressing reactions, that releases a contact
 NEGLIGIBLE, DEEPEST = 1e-3, 0.01  # penetration in spacings: not worth a pass; worth one beyond those allowed
@@ -50,7 +50,7 @@ def solve_with_contacts(
     """
     inertia, rows = (model.density / time_step) * state.volume, contacts.rows
     load = inertia[:, None] * state.velocity
-    load -= operator.pressure_force(_held_pressure(model, state))
+    load -= operator.pressure_force(held_pressure(model, state))
     blocks = operator.diagonal()
     blocks[:, :3] += inertia[:, None]
     stiffness = float(blocks[:, :3].mean())
@@ -92,13 +92,6 @@ def solve_with_contacts(
         del system, solution, inverse
         attempt = attempt if settled else attempt + 1
         rough = ROUGH if not settled and attempt < last else 1.0
-
-
-def _held_pressure(model: Model, state: ParticleState) -> np.ndarray:
-    """Pressure times volume, Pa mm^3, of the part of each particle that resists, shape (n,); positive where swollen."""
-    pressure = model.bulk_modulus * state.volume * (state.volume_ratio - 1.0)
-    pressure *= between_wall_layers(state.wall_layers)
-    return pressure
 
 
 def _changes(

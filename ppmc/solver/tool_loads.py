@@ -24,6 +24,13 @@ def wall_drag(model: Model, state: ParticleState, contacts: Contacts, operator: 
     return (factor * area)[..., None, None] * tangent
 
 
+def held_pressure(model: Model, state: ParticleState) -> np.ndarray:
+    """Pressure times volume, Pa mm^3, of the part of each particle that resists, shape (n,); positive where swollen."""
+    pressure = model.bulk_modulus * state.volume * (state.volume_ratio - 1.0)
+    pressure *= between_wall_layers(state.wall_layers)
+    return pressure
+
+
 def account(
     model: Model, state: ParticleState, operator: Operator, contacts: Contacts, solution: Solution, time_step: float,
     report: StepReport,
@@ -61,8 +68,7 @@ def account(
     # Pressure that builds up or dies down in the step is no dissipation.
     stored = float(np.sum(operator.volumes * operator.bulk * swelling**2))
     report.dissipation = total - stored
-    held = operator.bulk * (state.volume_ratio - 1.0) / (state.volume_ratio * time_step)
-    released = -float(np.sum(operator.volumes * held * swelling)) - stored
+    released = -float(np.sum(held_pressure(model, state) * swelling)) - stored
     moving = model.density > 0.0 or bool(contacts.wall_velocity[contacts.active].any())
     report.driven_share = driven_share(report.dissipation, released) if moving else 0.0
     report.zero_energy_share = max(0.0, (total - physical) / report.dissipation) if report.dissipation > 0.0 else 0.0
