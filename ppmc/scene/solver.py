@@ -7,7 +7,13 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from ppmc.scene.base import Section
-from ppmc.scene.units import PositiveDensity, PositivePressure, PositiveStrainRate, PositiveTime
+from ppmc.scene.units import (
+    NonNegativePressure,
+    PositiveDensity,
+    PositivePressure,
+    PositiveStrainRate,
+    PositiveTime,
+)
 
 
 class ZeroEnergyControl(Section):
@@ -75,6 +81,8 @@ class SolverSection(Section):
     """Speed up solves with a coarse grid in the preconditioner."""
     contact_passes: int = Field(default=3, ge=1, le=20)
     """Times a step may revise which particles touch which tool."""
+    ambient_pressure: NonNegativePressure = Field(default=0.0, examples=["0.1 MPa"])
+    """Pull, Pa, at which the charge leaves a tool: the pressure of the air, where none gets in between; 0 in vacuum."""
 
     transport_normals: bool = True
     """Convect q-hat and write the platelet normal; off saves a little time where only fibres matter."""

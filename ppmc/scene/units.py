@@ -87,6 +87,7 @@ if TYPE_CHECKING:
     PositiveViscosity = float
     Pressure = float
     PositivePressure = float
+    NonNegativePressure = float
     Force = float
     PositiveForce = float
     Density = float
@@ -110,6 +111,7 @@ else:
     PositiveViscosity = _quantity("Pa*s", gt=0)
     Pressure = _quantity("Pa")
     PositivePressure = _quantity("Pa", gt=0)
+    NonNegativePressure = _quantity("Pa", ge=0)
     Force = _quantity("uN")
     PositiveForce = _quantity("uN", gt=0)
     Density = _quantity("g/mm^3", ge=0)

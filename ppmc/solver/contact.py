@@ -3,8 +3,8 @@ r"""Unilateral contact with rigid tools, without a penalty stiffness.
 Each particle may touch up to three tool faces at once. The gap to a face is the signed distance less the particle's
 own deformed half-width, :math:`g = \phi(x) - w\sqrt{n\cdot C n / n\cdot C_0 n}` with the shape C of the local
 lattice, and the velocity must satisfy :math:`n\cdot(v - v_{tool}) \ge -g/\Delta t`. The directions of active
-constraints are projected out of the velocity solve; the residual in them is the reaction. Reactions that pull release a
-constraint, violated ones are added.
+constraints are projected out of the velocity solve; the residual in them is the reaction. Reactions that pull (by more
+than the air holds) release a constraint, violated ones are added.
 
 The constraints hold the centres of the wall layer, so the discrete body ends there: what lies behind them does not
 resist (`between_wall_layers`), and the reactions are then the tools' forces.
@@ -127,13 +127,20 @@ class Contacts:
         )  # fmt: skip
         return out
 
+    def departures(self, velocities: np.ndarray, time_step: float) -> np.ndarray:
+        """Gap of each face at the end of a step, shape (m, 3), mm: negative where the particle would penetrate.
+
+        `velocities`, shape (m, 3), are those of the particles in the step. Infinite where there is no face.
+        """
+        relative = velocities[:, None, :] - self.wall_velocity
+        return self.gap + time_step * np.einsum("nkc,nkc->nk", self.normal, relative)
+
     def violations(self, velocities: np.ndarray, time_step: float) -> np.ndarray:
         """Penetration of inactive faces at the end of a step, shape (m, 3), mm; zero where there is none.
 
         `velocities`, shape (m, 3), are those of the particles in the step.
         """
-        approach = np.einsum("nkc,nkc->nk", self.normal, velocities[:, None, :] - self.wall_velocity) * time_step
-        depth = -(approach + self.gap)
+        depth = -self.departures(velocities, time_step)
         return np.where((self.tool >= 0) & ~self.active & (depth > 0.0), depth, 0.0)
 
 

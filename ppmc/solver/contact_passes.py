@@ -14,7 +14,7 @@ from ppmc.solver.operator import Operator
 from ppmc.solver.rigid_modes import free_rigid_modes
 from ppmc.solver.state import ParticleState
 from ppmc.solver.system import VelocitySystem
-from ppmc.solver.tool_loads import held_pressure, wall_drag
+from ppmc.solver.tool_loads import held_by_air, held_pressure, wall_drag
 
 RELEASE = 1e-3  # pull, in mean pressing reactions, that releases a contact
 NEGLIGIBLE, DEEPEST = 1e-3, 0.01  # penetration in spacings: not worth a pass; worth one beyond those allowed
@@ -82,7 +82,7 @@ def solve_with_contacts(
         report.passes += 1
         report.estimated_error = solution.estimated_error
         report.unconverged += not solution.converged
-        added, released, deepest = _changes(model, contacts, operator, solution, time_step, attempt < last)
+        added, released, deepest = _changes(model, state, contacts, operator, solution, time_step, attempt < last)
         settled = not (added.any() or released.any())
         enough = attempt >= last and (attempt >= last + SPARE_PASSES or deepest < DEEPEST * model.spacing)
         if enough or (settled and rough == 1.0):
@@ -95,8 +95,9 @@ def solve_with_contacts(
 
 
 def _changes(
-    model: Model, contacts: Contacts, operator: Operator, solution: Solution, time_step: float, may_release: bool
-) -> tuple[np.ndarray, np.ndarray, float]:
+    model: Model, state: ParticleState, contacts: Contacts, operator: Operator, solution: Solution, time_step: float,
+    may_release: bool,
+) -> tuple[np.ndarray, np.ndarray, float]:  # fmt: skip
     """Faces to add and to release, both (m, 3), and the deepest penetration, mm."""
     pressing, _ = contacts.reactions(-solution.residual[contacts.rows])
     depth = contacts.violations(solution.velocities[contacts.rows], time_step)
@@ -106,7 +107,7 @@ def _changes(
         positive = pressing[pressing > 0.0]
         limit = RELEASE * float(positive.mean()) if len(positive) else 0.0
         around = contacts.pressure_around(pressing, operator.pairs, model.smoothing_length)
-        released = contacts.active & (around < -limit)
+        released = contacts.active & (around < -limit - held_by_air(model, state, contacts))
     return added, released, float(depth.max(initial=0.0))
 
 

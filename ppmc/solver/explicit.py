@@ -35,7 +35,7 @@ from ppmc.solver.operator import Operator, assemble
 from ppmc.solver.power import material_power
 from ppmc.solver.reactions import add_reactions
 from ppmc.solver.reductions import dot
-from ppmc.solver.tool_loads import add_tool_loads, driven_share
+from ppmc.solver.tool_loads import add_tool_loads, driven_share, face_areas, held_by_air
 from ppmc.solver.tools import RATE_MEMORY
 from ppmc.solver.transport import (
     compose,
@@ -77,7 +77,7 @@ class NearTools:
     area : ndarray, shape (m, 3)
         Area with which the particle touches each face, mm^2.
     flattening : ndarray, shape (m, 3)
-        What a touching particle's half-width loses in a step, mm.
+        What a touching particle's half-width loses in a step, mm; negative where it grows.
     """
 
     contacts: Contacts
@@ -180,10 +180,11 @@ class ExplicitIntegrator(ImplicitIntegrator):
         state = self.state
         here = walls.contacts(state, time, dt, 1.5 * float(walls.spacing.max()))
         state.wall_layers = here.wall_layers(len(state))
-        rows, shear = here.rows, np.full(len(here.rows), self.model.material.shear)
-        areas = here.areas((state.volume * state.volume_ratio)[rows])
-        flattening = np.where(here.gap < TOUCHING * here.half_width, np.maximum(here.gap, 0.0), 0.0)
-        return NearTools(here, walls.friction(here, shear), areas, flattening)
+        shear = np.full(len(here.rows), self.model.material.shear)
+        # Half-widths of particles that touch were carried on by one step: they grow where tools part.
+        change = np.where(here.active, here.gap, np.maximum(here.gap, 0.0))
+        flattening = np.where(np.abs(here.gap) < TOUCHING * here.half_width, change, 0.0)
+        return NearTools(here, walls.friction(here, shear), face_areas(state, here), flattening)
 
     def _push(self, near: NearTools, dt: float, report: StepReport) -> None:
         """Advance the velocities by the forces of the charge and of the tools."""
@@ -198,6 +199,10 @@ class ExplicitIntegrator(ImplicitIntegrator):
         here += per_mass * friction.sum(axis=1)
         contacts.active = np.zeros_like(contacts.active)
         contacts.active = contacts.violations(here, dt) > 0.0
+        if model.settings.ambient_pressure > 0.0:
+            pull = contacts.departures(here, dt) / (-dt * per_mass)
+            touched = contacts.gap < TOUCHING * contacts.half_width
+            contacts.active |= touched & (pull < held_by_air(model, state, contacts))
         free, held = contacts.constrain(dt)
         moved = multiply_rows(np.arange(len(rows)), free, here.copy()) + held
         _, forces = contacts.reactions((here - moved) / per_mass)

@@ -19,9 +19,19 @@ def wall_drag(model: Model, state: ParticleState, contacts: Contacts, operator: 
         return np.zeros((0, FACES, 3, 3))
     shear = operator.shear[rows] / between_wall_layers(state.wall_layers[rows])
     factor = np.where(contacts.active, model.walls.friction(contacts, shear), 0.0)
-    area = contacts.areas(state.volume[rows] * state.volume_ratio[rows])
+    area = face_areas(state, contacts)
     tangent = np.eye(3) - contacts.normal[..., :, None] * contacts.normal[..., None, :]
     return (factor * area)[..., None, None] * tangent
+
+
+def face_areas(state: ParticleState, contacts: Contacts) -> np.ndarray:
+    """Area, mm^2, with which each particle near a tool lies at each face, shape (m, 3)."""
+    return contacts.areas(state.volume[contacts.rows] * state.volume_ratio[contacts.rows])
+
+
+def held_by_air(model: Model, state: ParticleState, contacts: Contacts) -> np.ndarray:
+    """Pull that the ambient pressure withstands at each face, shape (m, 3), Pa mm^2, for the part that resists."""
+    return model.settings.ambient_pressure * face_areas(state, contacts) / contacts.whole_cells()[:, None]
 
 
 def held_pressure(model: Model, state: ParticleState) -> np.ndarray:

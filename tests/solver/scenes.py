@@ -80,7 +80,7 @@ def make_squeeze(
         directions = np.tile([np.cos(a), np.sin(a), 0.0], (n, 1))
     across = np.cross([0.0, 0.0, 1.0], directions)
     state = ParticleState.at_rest(positions, np.ones(n), directions, across, faces.starting_half_widths(positions))
-    bulk = bulk_ratio * (ratio + 2.0) * (1.0 - reduction)
+    bulk = bulk_ratio * (ratio + 2.0) * abs(1.0 - reduction)
     return ImplicitIntegrator(Model(section, material, faces, section.smoothing_ratio, bulk, 0.0), state)
 
 

@@ -6,6 +6,7 @@ there. See docs/benchmarks/solver.md.
 """
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -51,6 +52,28 @@ def bracket(ratio: float) -> ImplicitIntegrator:
     return ImplicitIntegrator(Model(section, material, walls, section.smoothing_ratio, bulk, 0.0), state)
 
 
+# An L: stiff platelets that turn into its leg cut the corner across from the inner edge, where nothing but the air
+# holds the charge.
+ELL = """
+name: ell
+seed: 1
+charge:
+  domain: {{shape: box, origin: [0, 0, 0], size: [30, 12, 8]}}
+  spacing: 1 mm
+  layers: 8
+  orientation: {{source: platelets, length: 8 mm, width: 4 mm}}
+tooling:
+  mould:
+    shape: extrusion
+    profile: [[-10, 0], [-10, 30], [32, 30], [32, 24], [8, 24], [8, 0]]
+    axis: [0, 1, 0]
+    first_axis: [0, 0, 1]
+    length: 12
+    inside: true
+  ram: {{shape: plane, point: [0, 0, 0], normal: [0, 0, 1], motion: {{velocity: [0, 0, 4.8], travel: 4.8}}}}
+material: {{model: transversely_isotropic, shear_viscosity: 1 Pa*s, anisotropy_ratio: 1000}}
+solver: {{end_time: 0.2 s, output_interval: 0.1 s, ambient_pressure: {pressure}}}
+"""
 FINE = 0.1  # of a spacing: grid on which the rooms of particles are measured
 CONFIG = Path(__file__).parents[2] / "configs" / "bracket_coarse.yaml"
 HALFWAY, END = 0.45, 0.6  # s, of the second that the ram takes
@@ -135,3 +158,22 @@ def test_bracket_of_mixed_platelets_follows_the_balance(tmp_path, load_benchmark
             assert low > 0.95
             assert high < 1.05
         assert flow.history["unconverged"].sum() == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pressure", [0, 1e5])
+def test_air_keeps_the_charge_in_a_dead_corner(tmp_path, load_benchmark, pressure):
+    scene = parse_scene(ELL.format(pressure=pressure), tmp_path / "ell.yaml")
+    charge = fill_charge(scene, output=tmp_path / "charge.vtkhdf")
+    leg = SimpleNamespace(length=30.0, width=12.0, charge_height=8.0, flange_thickness=6.0, flange_starts=(24.0,))
+    with open_series(solve(scene, input=charge, output=tmp_path / "flow.vtkhdf"), "flow") as flow:
+        for k, time in enumerate(flow.times[1:], start=1):
+            x, ram = flow.frame(k, ())["position"], 4.8 * float(time)
+            passed = load_benchmark("solver_fill").share_passed(x, ram, leg, spacing=1.0, fine=FINE)
+            to_corner = np.hypot(x[:, 0] - 30.0, x[:, 2] - ram).min()
+            if pressure:
+                assert passed == pytest.approx(ram / 8.0, rel=0.02)
+                assert to_corner < 1.1
+            else:
+                assert passed > 1.05 * ram / 8.0
+                assert to_corner > 1.3
