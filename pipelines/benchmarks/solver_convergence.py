@@ -20,6 +20,7 @@ from ppmc.scene.solver import SolverSection
 from ppmc.scene.tooling import PlaneTool
 from ppmc.solver.implicit import ImplicitIntegrator
 from ppmc.solver.model import Model, StepReport
+from ppmc.solver.setup import run_constants
 from ppmc.solver.state import ParticleState
 from ppmc.solver.tools import Walls
 
@@ -42,7 +43,7 @@ def two_plies(spacing: float, ratio: float, size: tuple[float, float, float] = S
         walls.starting_half_widths(points),
     )  # fmt: skip
     material = TransverselyIsotropic(shear_viscosity=1.0, anisotropy_ratio=ratio)
-    bulk = settings.bulk_ratio * (ratio + 2.0)
+    _, bulk, _ = run_constants(settings, material, height, height)
     return ImplicitIntegrator(Model(settings, material, walls, settings.smoothing_ratio * spacing, bulk, 0.0), state)
 
 

@@ -63,7 +63,8 @@ class SolverSection(Section):
     bulk_modulus: PositivePressure | None = Field(default=None, examples=["1.31 GPa"])
     """K that keeps the volume, Pa; `bulk_ratio` decides if left out."""
     bulk_ratio: float = Field(default=4000.0, gt=0)
-    """K over ((R + 2) eta23 x closing strain rate), the stress of a planar random squeeze."""
+    """K over ((R + 10) eta23 x closing strain rate): the pressure in a charge that turns into a flange is a few times
+    that stress."""
     reynolds_number: float = Field(default=0.0, ge=0, le=0.1)
     """Reynolds number of scaled inertia, rho v h / ((R + 2) eta23); 0 leaves inertia out (implicit integrator only)."""
     density: PositiveDensity | None = Field(default=None, examples=["16 g/mm^3"])
