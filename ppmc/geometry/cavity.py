@@ -137,6 +137,8 @@ def _connected(share: FloatArray, points: FloatArray, low: FloatArray, step: flo
 
     label_of, _ = label(share > 0.0)
     index = np.floor((points - low) / step).astype(int)
+    # Tools that have moved can leave points of the charge far outside of what is free by now.
+    index = index[np.all((index >= 0) & (index < label_of.shape[::-1]), axis=1)]
     found = np.unique(label_of[index[:, 2], index[:, 1], index[:, 0]])
     found = found[found > 0]
     if len(found) == 0:

@@ -1,11 +1,13 @@
 """From scene and charge to a model and an undeformed state, with the checks that catch impossible inputs."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ppmc.errors import SceneError
 from ppmc.files import ParticleFile
+from ppmc.geometry.charge_balance import charge_balance
 from ppmc.geometry.tool_checks import check_tools_apart
 from ppmc.geometry.toolset import ToolSet, compile_tools
 from ppmc.scene import Scene
@@ -14,6 +16,7 @@ from ppmc.solver.model import Model
 from ppmc.solver.state import ParticleState
 from ppmc.solver.tools import Walls
 
+OVERFULL = 1.05  # charge over closed cavity beyond which the scene is taken for wrong
 COLUMN = 2.0  # width of the columns in which the charge's height is taken, in spacings
 # The pressure that turns a charge into a flange is three to four times (R + TURNING) eta23 x closing rate from R = 1 to
 # 1000. With R + 2, as in a squeeze, it is eleven times that at R = 1 and shrinks the charge by a quarter of a per cent.
@@ -55,6 +58,23 @@ def prepare(scene: Scene, charge: ParticleFile) -> tuple[Model, ParticleState]:
     _, bulk, density = run_constants(settings, material, speed, thickness)
     length = settings.smoothing_ratio * float(np.cbrt(np.prod(spacing)))
     return Model(settings, material, walls, length, bulk, density), state
+
+
+def check_room(model: Model, charge: ParticleFile, path: Path) -> None:
+    """Compare the charge, read from `path`, with the cavity at the end, and say so if they differ.
+
+    Raises
+    ------
+    SceneError
+        If the charge is far too large and the scene gives no bulk modulus: no tool can press that away.
+    """
+    settings = model.settings
+    volume = float(charge.fields["volume"].sum())
+    balance = charge_balance(model.walls.tools, charge.positions, settings.end_time, volume)
+    if (balance.share or 0.0) > OVERFULL and settings.bulk_modulus is None:
+        raise SceneError(f"{path}: {balance.told}, or give solver.bulk_modulus if it can be compressed")
+    if balance.too_much or balance.short:
+        print(balance.told)
 
 
 def run_constants(settings: Any, material: Any, speed: float, thickness: float) -> tuple[float, float, float]:

@@ -34,7 +34,7 @@ def run(scene: Scene, *, input: Path, output: Path, resume: bool = True, max_wal
     Raises
     ------
     SceneError
-        If a section is missing or the charge starts inside a tool.
+        If a section is missing, the charge starts inside a tool, or it has no room in the closed cavity.
     InputFileError
         If the charge file is missing or damaged.
     NumericalError
@@ -42,7 +42,7 @@ def run(scene: Scene, *, input: Path, output: Path, resume: bool = True, max_wal
     StoppedWithCheckpoint
         On SIGTERM or the wall-clock limit.
     """
-    from ppmc.solver.setup import prepare
+    from ppmc.solver.setup import check_room, prepare
     from ppmc.solver.simulation import Simulation
 
     for section in SECTIONS:
@@ -52,5 +52,6 @@ def run(scene: Scene, *, input: Path, output: Path, resume: bool = True, max_wal
     charge = read_particles(input, "charge")
     check_output(output, [input])
     model, state = prepare(scene, charge)
+    check_room(model, charge, input)
     provenance = Provenance.collect("ppmc.solver", scene, SECTIONS, [input], scene.seed)
     return Simulation(model, state, output, provenance).run(resume, max_walltime)

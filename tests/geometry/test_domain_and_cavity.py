@@ -84,6 +84,13 @@ def test_cavity_of_a_squeeze_in_a_box(make_tools: Callable[..., ToolSet]) -> Non
         assert found.volume == pytest.approx(200 * height, rel=1e-3)
 
 
+def test_cavity_is_found_from_points_that_the_ram_has_passed(make_tools: Callable[..., ToolSet]) -> None:
+    seeds = [[10, 5, z] for z in np.arange(0.5, 6.0)]
+    cavity = cavity_volume(make_tools({"low": LOW, "ram": RAM, "sides": SIDES}), seeds, 1.5)
+    assert cavity.closed
+    assert cavity.volume == pytest.approx(20 * 10 * 1.5, rel=0.01)
+
+
 def test_cavity_with_a_pin_and_a_round_end(make_tools: Callable[..., ToolSet]) -> None:
     tools = make_tools(
         {

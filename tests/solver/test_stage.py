@@ -1,6 +1,7 @@
 """The stage and its command: files, acceptance of the squeeze, restart, stop requests, refusals."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -149,6 +150,29 @@ def test_values_that_are_not_finite_stop_the_run_with_a_dump(
 def test_a_charge_inside_a_tool_is_refused(tmp_path: Path, charge: Path):
     with pytest.raises(SceneError, match=r"tooling\.ram: 50 particles of the charge start inside"):
         run(parse_scene(scene_text(height=4.0)), input=charge, output=tmp_path / "flow.vtkhdf")
+
+
+def in_a_frame(length: float, solver: str = "") -> str:
+    """Squeeze of 150 mm^3 from 6 to 5.25 mm in a frame of `length` x 5 mm."""
+    frame = f"  frame: {{shape: box, center: [{length / 2}, 2.5, 0], size: [{length}, 5, 40], inside: true}}\n"
+    return scene_text(end=0.25).replace("material:", frame + "material:").replace("solver: {", "solver: {" + solver)
+
+
+def test_a_charge_without_room_is_refused(tmp_path: Path, charge: Path):
+    told = r"charge\.vtkhdf: at 0\.25 s the charge takes 114\.\d+% of the closed cavity .* less travel"
+    with pytest.raises(SceneError, match=told):
+        run(parse_scene(in_a_frame(5.0)), input=charge, output=tmp_path / "flow.vtkhdf")
+    assert list(tmp_path.iterdir()) == [charge]
+
+
+@pytest.mark.parametrize(
+    ("length", "solver", "told"),
+    [(6.0, "", "95.2.%"), (5.6, "", "102.0.%"), (5.0, "bulk_modulus: 100, ", "114.2.%"), (5.714, "", "")],
+)
+def test_a_charge_unlike_the_cavity_is_told(tmp_path: Path, charge: Path, capsys, length, solver, told):
+    run(parse_scene(in_a_frame(length, solver)), input=charge, output=tmp_path / "flow.vtkhdf")
+    said = capsys.readouterr().out
+    assert re.search(told, said) if told else "cavity" not in said
 
 
 def test_the_scene_needs_all_sections(tmp_path: Path, charge: Path):

@@ -1,8 +1,8 @@
-"""Fill of pin brackets: volume above the base against the balance, packing, and tightness.
+"""Fill of pin brackets and an L: volume above the base against the balance, packing, and tightness.
 
-The bar of the balance is 1 %. `bracket_coarse` is held to it from 10 % of the ram's way on, a small bracket of six
-layers and five particles across a flange at 60 %; before that the same volume is a larger share of what has passed
-there. See docs/benchmarks/solver.md.
+The bar of the balance is 1 %. `bracket_coarse` and Newtonian charges are held to it, a small bracket of R = 1000 with
+six layers and five particles across a flange at 60 % of the ram's way; before that the same volume is a larger share of
+what has passed there. See docs/benchmarks/solver.md.
 """
 
 from pathlib import Path
