@@ -32,14 +32,9 @@ class ChargeBalance:
     told: str
 
     @property
-    def too_much(self) -> bool:
-        """Whether the tools cannot close that far."""
-        return self.share is not None and self.share > 1.0 + BALANCE
-
-    @property
-    def short(self) -> bool:
-        """Whether the charge will not fill the cavity."""
-        return self.share is not None and self.share < 1.0 - BALANCE
+    def off(self) -> bool:
+        """Whether charge and cavity are known to differ."""
+        return self.share is not None and abs(self.share - 1.0) > BALANCE
 
 
 def charge_balance(tools: ToolSet, points: NDArray, end_time: float, volume: float) -> ChargeBalance:
@@ -66,9 +61,8 @@ def charge_balance(tools: ToolSet, points: NDArray, end_time: float, volume: flo
         return ChargeBalance(None, f"at {end_time:.4g} s the tools leave the cavity open: the charge has free sides")
     share = volume / cavity.volume
     told = f"at {end_time:.4g} s the charge takes {share:.2%} of the closed cavity of {cavity.volume:.6g} mm^3"
-    balance = ChargeBalance(share, told)
-    if balance.too_much:
+    if share > 1.0 + BALANCE:
         told += ": too much, so that tools cannot close that far; take a smaller charge or less travel"
-    elif balance.short:
+    elif share < 1.0 - BALANCE:
         told += ": a short shot"
     return ChargeBalance(share, told)

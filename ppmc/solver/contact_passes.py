@@ -105,9 +105,11 @@ def _changes(
     # In the last pass nothing is released: a small pull for one step does less harm than a penetration.
     if may_release:
         positive = pressing[pressing > 0.0]
-        limit = RELEASE * float(positive.mean()) if len(positive) else 0.0
+        limit = np.full(pressing.shape, RELEASE * float(positive.mean()) if len(positive) else 0.0)
+        if model.settings.ambient_pressure > 0.0:
+            limit += held_by_air(model, state, contacts)
         around = contacts.pressure_around(pressing, operator.pairs, model.smoothing_length)
-        released = contacts.active & (around < -limit - held_by_air(model, state, contacts))
+        released = contacts.active & (around < -limit)
     return added, released, float(depth.max(initial=0.0))
 
 

@@ -73,7 +73,7 @@ def check_room(model: Model, charge: ParticleFile, path: Path) -> None:
     balance = charge_balance(model.walls.tools, charge.positions, settings.end_time, volume)
     if (balance.share or 0.0) > OVERFULL and settings.bulk_modulus is None:
         raise SceneError(f"{path}: {balance.told}, or give solver.bulk_modulus if it can be compressed")
-    if balance.too_much or balance.short:
+    if balance.off:
         print(balance.told)
 
 
