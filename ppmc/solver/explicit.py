@@ -111,6 +111,12 @@ class ExplicitIntegrator(ImplicitIntegrator):
         """Longest reported step, s."""
         return math.inf if self.limits is None else MOST_STEPS * self.limits.used
 
+    def reorder(self, order: np.ndarray) -> None:
+        """Permute all that is kept with one row a particle, the deformation that is yet to be followed, too."""
+        super().reorder(order)
+        if self.passed is not None:
+            self.passed = self.passed[order]
+
     def step(self, time: float, time_step: float) -> StepReport:
         """Advance the state from `time` by `time_step` (s), in steps that are stable."""
         report = StepReport()

@@ -70,11 +70,15 @@ class ImplicitIntegrator:
         metric, longest = self.metric(state.kernel_shape) if self.affine else (None, 1.0)
         # Sorted by the very cells that the list is searched with.
         order = cell_order(state.position, cutoff if metric is None else cutoff * extents(metric))
-        state.reorder(order)
+        self.reorder(order)
         self.list_shape = state.kernel_shape
         if self.affine:
             self.measured = self.list_shape, None if metric is None else metric[order], longest
         self.rebuild_list(state.position)
+
+    def reorder(self, order: np.ndarray) -> None:
+        """Permute all that is kept with one row a particle."""
+        self.state.reorder(order)
 
     def rebuild_list(self, positions: np.ndarray) -> None:
         """List neighbours at given positions (those of the last rebuild, when a run is resumed)."""

@@ -68,6 +68,22 @@ def test_affine_motion_is_followed_exactly():
     np.testing.assert_allclose(state.velocity_gradient, np.broadcast_to(gradient, (len(state), 3, 3)), atol=1e-10)
 
 
+def test_deformation_yet_to_be_followed_is_sorted_with_the_particles():
+    implicit = make_squeeze(shape=(5, 4, 4), jitter=0.2, integrator="explicit", reynolds_number=1e-3)
+    integrator = ExplicitIntegrator(implicit.model, implicit.state)
+    integrator.refresh_neighbours(force=True)
+    state = integrator.state
+    state.velocity = 0.1 * np.sin(state.position[:, [1, 2, 0]])
+    integrator._assemble(integrator.weigh(state.position), 0.0)
+    integrator._move(0.0, 0.01)
+    assert integrator.passed is not None
+    pending, order = state.in_original_order(integrator.passed), state.original.copy()
+    state.position = -state.position
+    integrator.refresh_neighbours(force=True)
+    assert not np.array_equal(state.original, order)
+    np.testing.assert_array_equal(state.in_original_order(integrator.passed), pending)
+
+
 @pytest.mark.parametrize("directions", [0, 1, 2])
 def test_given_stress_acts_beside_the_viscous_one(directions):
     x = lattice((6, 5, 4), jitter=0.2)
