@@ -269,11 +269,8 @@ class ImplicitIntegrator:
         if model.settings.volume_correction == 0.0:
             return
         pairs = self.weigh(state.position)
-        limit = model.settings.kernel_aspect_limit if self.affine else 1.0
-        correct_volume(
-            state, pairs, self.packing(pairs, time), strain, model.settings.volume_correction,
-            model.smoothing_length, limit,
-        )  # fmt: skip
+        found = self.packing(pairs, time)
+        correct_volume(state, pairs, found, strain, model.settings.volume_correction, model.smoothing_length)
 
 
 def strain_rate(gradient: np.ndarray) -> np.ndarray:

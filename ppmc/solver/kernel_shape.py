@@ -111,13 +111,6 @@ def inverse_shape(shape: np.ndarray) -> tuple[np.ndarray, float]:
     return inverse, float(np.sqrt(longest.max(initial=1.0)))
 
 
-def aspect_ratio(shape: np.ndarray) -> np.ndarray:
-    """Ratio of the longest to the shortest axis, shape (n,)."""
-    out = np.empty(len(shape))
-    _aspect_ratio(shape, out)
-    return out
-
-
 def full(six_components: np.ndarray) -> np.ndarray:
     """Symmetric tensors (n, 3, 3) from XX, YY, ZZ, XY, YZ, XZ (n, 6)."""
     return six_components[:, [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(-1, 3, 3)
@@ -177,14 +170,6 @@ def _carry(lattice, increment, out):
         for c in range(6):
             a, b = (c, c) if c < 3 else (0, 1) if c == 3 else (1, 2) if c == 4 else (0, 2)
             out[i, c] = half[a, 0] * m[b, 0] + half[a, 1] * m[b, 1] + half[a, 2] * m[b, 2]
-
-
-@njit(cache=True, parallel=True)
-def _aspect_ratio(shape, out):
-    for i in prange(shape.shape[0]):
-        t, v = np.empty((3, 3)), np.empty((3, 3))
-        _axes(shape[i], t, v)
-        out[i] = np.sqrt(max(t[0, 0], t[1, 1], t[2, 2]) / min(t[0, 0], t[1, 1], t[2, 2]))
 
 
 @njit(cache=True, parallel=True)

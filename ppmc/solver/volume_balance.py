@@ -10,7 +10,7 @@ there is how an irregular charge reads as it deforms, and nothing is corrected. 
 
 import numpy as np
 
-from ppmc.solver.kernel_shape import aspect_ratio, smoothness
+from ppmc.solver.kernel_shape import smoothness
 from ppmc.solver.neighbours import Pairs
 from ppmc.solver.packing import NearWalls, Packing, inside, interior_mean, packing
 from ppmc.solver.smoothing import SUPPORT
@@ -18,9 +18,6 @@ from ppmc.solver.state import ParticleState
 from ppmc.solver.tools import Walls
 
 MOST_WRONG = 0.1  # error of packing beyond which the pull grows no more
-# Ratio of a lattice's aspect to the kernel's, beyond which the kernel no longer resolves the lattice and the sum means
-# little; the pull then fades.
-RESOLVED = 1.5
 
 
 def measured_packing(
@@ -48,9 +45,8 @@ def reference_packing(pairs: Pairs, found: Packing, smoothing_length: float) -> 
 
 
 def correct_volume(
-    state: ParticleState, pairs: Pairs, found: Packing, strain: np.ndarray, rate: float, smoothing_length: float,
-    aspect_limit: float,
-) -> None:  # fmt: skip
+    state: ParticleState, pairs: Pairs, found: Packing, strain: np.ndarray, rate: float, smoothing_length: float
+) -> None:
     """Draw J and the volumetric part of F towards what the packing shows.
 
     Parameters
@@ -65,15 +61,12 @@ def correct_volume(
         Relative correction for a unit of strain and of error.
     smoothing_length : float
         mm.
-    aspect_limit : float
-        Largest aspect ratio of the kernel.
     """
     interior = inside(pairs, found, smoothing_length)
     wrong = interior_mean(pairs, found.value, interior, smoothing_length) / state.packing_reference - 1.0
     wrong = np.clip(wrong, -MOST_WRONG, MOST_WRONG)
-    resolved = np.minimum(1.0, RESOLVED * aspect_limit / aspect_ratio(state.lattice_shape)) ** 8
     rough = 1.0 - smoothness(state.flow_residual)
-    pull = np.minimum(rate * np.maximum(strain, strain.mean()), 0.5) * rough * resolved * interior
+    pull = np.minimum(rate * np.maximum(strain, strain.mean()), 0.5) * rough * interior
     factor = 1.0 - pull * wrong
     state.volume_ratio *= factor
     state.deformation_gradient *= np.cbrt(factor)[:, None, None]

@@ -29,7 +29,7 @@ def crowded(flow_residual: float) -> tuple[ParticleState, Walls, Pairs]:
 
 def correct(state: ParticleState, walls: Walls, pairs: Pairs, strain: float) -> np.ndarray:
     found = measured_packing(state, walls, 0.0, pairs, None, 1.0, H, 1.0)
-    correct_volume(state, pairs, found, np.full(len(state), strain), RATE, H, 4.0)
+    correct_volume(state, pairs, found, np.full(len(state), strain), RATE, H)
     return found.value
 
 
