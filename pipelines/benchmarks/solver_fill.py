@@ -21,21 +21,40 @@ from scipy.spatial import cKDTree
 
 from ppmc.files import open_series
 from ppmc.geometry.parts.pin_bracket import PinBracket
+from ppmc.solver.kernel_shape import full
 
 INTERIOR = 0.93  # packing above which a particle counts as inside
 SAMPLES = 200_000
-ABOVE = 1.5  # height above the mouths up to which the rooms of particles can reach across them, in spacings
+ABOVE = 3.0  # height above the mouths up to which the rooms of particles can reach across them, in spacings
+CANDIDATES = 24  # particles about a point, among which the nearest in their own metrics is
 CORNER = 1.0  # of a particle from the farthest point of its room: half a diagonal of a cell, and some more
 
 
-def share_passed(points: np.ndarray, ram: float, part: PinBracket, spacing: float, fine: float) -> float:
-    """Share of particles (n, 3) of equal volume that has passed into the flanges, with the ram at a height, mm.
+def share_passed(
+    points: np.ndarray, ram: float, part: PinBracket, spacing: float, fine: float, shape: np.ndarray | None = None
+) -> float:
+    """Share of particles of equal volume that has passed into the flanges.
 
     A row lies across the mouths. Each particle counts by the part of its room that is above them: the points of the
-    cavity that are nearest to it, on a grid of `fine` spacings.
+    cavity that are nearest to it.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Particles, mm.
+    ram : float
+        Height of the ram, mm.
+    part : PinBracket
+    spacing : float
+        Of the particles at their start, mm.
+    fine : float
+        Grid of points, in spacings.
+    shape : ndarray, shape (n, 6), optional
+        Kernel shapes, in whose metric it is decided what is nearest: rooms of a lattice that is drawn out are no balls.
     """
     tree, plane = cKDTree(points), part.charge_height
     below, above = np.zeros(len(points)), np.zeros(len(points))
+    metric = None if shape is None else np.linalg.inv(full(shape))
     mouths = [(start, start + part.flange_thickness) for start in part.flange_starts]
     for (left, right), low, high, room in [((0.0, part.length), ram, plane, below)] + [
         (mouth, plane, plane + ABOVE * spacing, above) for mouth in mouths
@@ -46,11 +65,20 @@ def share_passed(points: np.ndarray, ram: float, part: PinBracket, spacing: floa
         size = np.prod([(b - a) / n for n, (a, b) in zip(counts, sides, strict=True)])
         for x in axes[0]:
             at = np.stack(np.meshgrid([x], *axes[1:], indexing="ij"), axis=-1).reshape(-1, 3)
+            distance, nearest = tree.query(at) if metric is None else _nearest(at, points, tree, metric)
             # What is farther from all particles is empty: a gap above an edge.
-            distance, nearest = tree.query(at)
             room += size * np.bincount(nearest[distance < CORNER * spacing], minlength=len(points))
     seen = below + above > 0.0
     return float(np.where(seen, above / np.where(seen, below + above, 1.0), points[:, 2] > plane).mean())
+
+
+def _nearest(at: np.ndarray, points: np.ndarray, tree: cKDTree, metric: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distance to the nearest particle in the particles' own metrics (n, 3, 3), and which it is, for each point."""
+    _, candidates = tree.query(at, CANDIDATES)
+    away = at[:, None, :] - points[candidates]
+    squared = np.einsum("mka,mkab,mkb->mk", away, metric[candidates], away)
+    rows, best = np.arange(len(at)), squared.argmin(axis=1)
+    return np.sqrt(squared[rows, best]), candidates[rows, best]
 
 
 def largest_hole(points: np.ndarray, part: PinBracket, spacing: float) -> float:
