@@ -31,10 +31,10 @@ from ppmc.geometry.toolset import compile_tools
 from ppmc.scene.materials.transversely_isotropic import TransverselyIsotropic
 from ppmc.scene.solver import SolverSection
 from ppmc.scene.tooling import PlaneTool
-from ppmc.solver.explicit import ExplicitIntegrator
+from ppmc.solver.explicit import ExplicitIntegrator, Loads
 from ppmc.solver.implicit import ImplicitIntegrator
 from ppmc.solver.kernel_shape import six
-from ppmc.solver.model import Model, StepReport
+from ppmc.solver.model import Model
 from ppmc.solver.operator import Operator
 from ppmc.solver.state import ParticleState
 from ppmc.solver.tools import Walls
@@ -94,7 +94,7 @@ class Passes:
         state.velocity = 0.1 * np.sin(np.arange(3.0 * self.n)).reshape(-1, 3)
         self.integrator._assemble(self.integrator.weigh(state.position), 0.0)
         self.nobody = self.integrator._near_tools(0.0, BRIEF)
-        self.report = StepReport(tool_force=np.zeros((2, 3)))
+        self.loads = Loads.on(2)
         self.rng = np.random.default_rng(1)
 
     @property
@@ -120,7 +120,7 @@ class Passes:
     def advance(self, refresh: bool) -> None:
         """Make a pass as the integrator does."""
         self.integrator._move(0.0, BRIEF, refresh)
-        self.integrator._push(self.nobody, BRIEF, self.report)
+        self.integrator._push(self.nobody, BRIEF, self.loads)
 
     def stretch(self) -> None:
         """Give all particles kernels that are no spheres."""

@@ -10,6 +10,7 @@ from ppmc.solver.coarse_grid import CELL, CoarseGrid, make_grid
 from ppmc.solver.conjugate_gradient import Solution, conjugate_gradient
 from ppmc.solver.contact import Contacts
 from ppmc.solver.model import Model, StepReport
+from ppmc.solver.neighbours import Pairs
 from ppmc.solver.operator import Operator
 from ppmc.solver.rigid_modes import free_rigid_modes
 from ppmc.solver.state import ParticleState
@@ -104,13 +105,23 @@ def _changes(
     added, released = depth > NEGLIGIBLE * model.spacing, np.zeros_like(contacts.active)
     # In the last pass nothing is released: a small pull for one step does less harm than a penetration.
     if may_release:
-        positive = pressing[pressing > 0.0]
-        limit = np.full(pressing.shape, RELEASE * float(positive.mean()) if len(positive) else 0.0)
-        if model.settings.ambient_pressure > 0.0:
-            limit += held_by_air(model, state, contacts)
-        around = contacts.pressure_around(pressing, operator.pairs, model.smoothing_length)
-        released = contacts.active & (around < -limit)
+        released = pulled_off(model, state, contacts, operator.pairs, pressing)
     return added, released, float(depth.max(initial=0.0))
+
+
+def pulled_off(
+    model: Model, state: ParticleState, contacts: Contacts, pairs: Pairs, pressing: np.ndarray
+) -> np.ndarray:
+    """Touched faces (m, 3) that let go: the charge around them pulls by more than the air withstands.
+
+    `pressing`, shape (m, 3), Pa mm^2, are the normal reactions; see :meth:`Contacts.reactions`.
+    """
+    positive = pressing[pressing > 0.0]
+    limit = np.full(pressing.shape, RELEASE * float(positive.mean()) if len(positive) else 0.0)
+    if model.settings.ambient_pressure > 0.0:
+        limit += held_by_air(model, state, contacts)
+    around = contacts.pressure_around(pressing, pairs, model.smoothing_length)
+    return contacts.active & (around < -limit)
 
 
 def _coarse_grid(model: Model, system: VelocitySystem, blocks: np.ndarray) -> CoarseGrid:

@@ -1,7 +1,9 @@
 r"""Explicit integrator: the papers' route, with scaled mass.
 
 Velocities advance by :math:`\Delta t\,f/m` with the force of the same operator, pressure :math:`-K(J-1)` and
-unilateral contact by projection of the velocity. The stable step follows from the operator itself: with the largest
+unilateral contact by projection of the velocity. As in the implicit integrator a face that was touched stays so until
+the charge around it pulls, and tools bear what their power says: reactions at the centres of wall layers exceed the
+pressure on the faces, by a sixth for two plies of two layers each. The stable step follows from the operator itself: with the largest
 eigenvalues of the viscous and of the volumetric stiffness over the mass, :math:`\lambda_v` and :math:`\lambda_K`
 (power iterations),
 
@@ -17,6 +19,8 @@ particles near them only.
 
 # mypy: disable-error-code="no-untyped-def"
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 
@@ -26,16 +30,17 @@ from ppmc.compile_cache import njit, prange
 from ppmc.solver import materials, single_direction
 from ppmc.solver.block_jacobi import multiply_rows
 from ppmc.solver.contact import Contacts, between_wall_layers
+from ppmc.solver.contact_passes import pulled_off
 from ppmc.solver.gradient import moments_and_gradient, velocity_gradient
-from ppmc.solver.implicit import ImplicitIntegrator
+from ppmc.solver.implicit import TOUCH, ImplicitIntegrator
 from ppmc.solver.kernel_shape import rearrangement_rate, smoothness
 from ppmc.solver.model import StepReport
 from ppmc.solver.neighbours import Pairs
 from ppmc.solver.operator import Operator, assemble
-from ppmc.solver.power import material_power
+from ppmc.solver.power import material_power, power_scale, tool_powers
 from ppmc.solver.reactions import add_reactions
 from ppmc.solver.reductions import dot
-from ppmc.solver.tool_loads import add_tool_loads, driven_share, face_areas, held_by_air
+from ppmc.solver.tool_loads import add_tool_loads, driven_share, face_areas
 from ppmc.solver.tools import RATE_MEMORY
 from ppmc.solver.transport import (
     compose,
@@ -78,12 +83,48 @@ class NearTools:
         Area with which the particle touches each face, mm^2.
     flattening : ndarray, shape (m, 3)
         What a touching particle's half-width loses in a step, mm; negative where it grows.
+    kept : ndarray, shape (m, 3), bool
+        Faces touched from before, which stay so until the charge around them pulls.
+    pressing : ndarray, shape (m, 3)
+        Sum of the normal reactions of the steps since, Pa mm^2.
     """
 
     contacts: Contacts
     friction: np.ndarray
     area: np.ndarray
     flattening: np.ndarray
+    kept: np.ndarray
+    pressing: np.ndarray
+
+
+@dataclass
+class Loads:
+    """What the tools bear in a number of steps, summed: what presses apart from what rubs, and their powers.
+
+    Attributes
+    ----------
+    pressing, rubbing : StepReport
+        Of these forces and moments alone are used.
+    powers : ndarray, shape (3,)
+        Pa mm^3/s: taken up by the charge, of the pressing forces as they are, lost in sliding; see
+        :func:`ppmc.solver.power.power_scale`.
+    """
+
+    pressing: StepReport
+    rubbing: StepReport
+    powers: np.ndarray
+
+    @classmethod
+    def on(cls, tools: int) -> Loads:
+        """No load yet on a number of tools."""
+        none = [StepReport(tool_force=np.zeros((tools, 3)), tool_moment=np.zeros((tools, 3))) for _ in range(2)]
+        return cls(*none, np.zeros(3))
+
+    def put_into(self, report: StepReport, steps: int) -> None:
+        """Put the means over a number of steps into a report, the pressing forces scaled by their power."""
+        scale = power_scale(*self.powers.tolist())
+        report.tool_force = (scale * self.pressing.tool_force + self.rubbing.tool_force) / steps
+        report.tool_moment = (scale * self.pressing.tool_moment + self.rubbing.tool_moment) / steps
 
 
 class ExplicitIntegrator(ImplicitIntegrator):
@@ -99,9 +140,12 @@ class ExplicitIntegrator(ImplicitIntegrator):
         self.refresh_neighbours(force=True)
         self.set_reference(time)
         self._assemble(self.weigh(self.state.position), time)
-        self.limits = self._estimate_limits()
+        used = self.limits = self._estimate_limits()
+        # What lies on a tool touches it, until the charge around it pulls.
+        contacts = self._near_tools(time, used.used).contacts
+        contacts.active |= contacts.gap <= TOUCH * self.model.spacing
+        self.remember(contacts)
         self.present = None
-        used = self.limits
         print(
             f"explicit: viscous limit {used.viscous:.3g} s, Courant limit {used.courant:.3g} s, step {used.used:.3g} s"
         )
@@ -119,7 +163,7 @@ class ExplicitIntegrator(ImplicitIntegrator):
 
     def step(self, time: float, time_step: float) -> StepReport:
         """Advance the state from `time` by `time_step` (s), in steps that are stable."""
-        report = StepReport()
+        report, loads = StepReport(), Loads.on(len(self.model.walls.tools))
         forced = self.model.walls.forced
         elapsed, ahead = 0.0, True
         while ahead:
@@ -134,10 +178,10 @@ class ExplicitIntegrator(ImplicitIntegrator):
                 if k % CONTACT_EVERY == 0:
                     near = self._near_tools(time + elapsed, dt)
                 forced.advance(forced.velocities(dt), dt)
-                self._push(near, dt, report)
+                self._push(near, dt, loads)
                 done = (k + 1) % CONTACT_EVERY == 0 or k == steps - 1
                 if done:
-                    self.remember(near.contacts)
+                    self._let_go(near, k % CONTACT_EVERY + 1)
                 if k == steps - 1 and not ahead:
                     self._account_for(near, report)
                 elapsed += dt
@@ -146,8 +190,7 @@ class ExplicitIntegrator(ImplicitIntegrator):
             self.present = None
             self._follow_flow(time + elapsed)
         report.time_step = time_step / report.iterations
-        report.tool_force /= report.iterations
-        report.tool_moment /= report.iterations
+        loads.put_into(report, report.iterations)
         forced.adjust(report.tool_force)
         return report
 
@@ -184,15 +227,19 @@ class ExplicitIntegrator(ImplicitIntegrator):
     def _near_tools(self, time: float, dt: float) -> NearTools:
         walls = self.model.walls
         state = self.state
+        assert self.present is not None
+        _blend(state.smooth_gradient, self._around_walls(self.present.pairs, state.velocity_gradient), RATE_MEMORY)
+        _blend(state.twice_smooth_gradient, state.smooth_gradient, RATE_MEMORY)
         here = walls.contacts(state, time, dt, 1.5 * float(walls.spacing.max()))
         state.wall_layers = here.wall_layers(len(state))
         shear = np.full(len(here.rows), self.model.material.shear)
         # Half-widths of particles that touch were carried on by one step: they grow where tools part.
         change = np.where(here.active, here.gap, np.maximum(here.gap, 0.0))
         flattening = np.where(np.abs(here.gap) < TOUCHING * here.half_width, change, 0.0)
-        return NearTools(here, walls.friction(here, shear), face_areas(state, here), flattening)
+        friction, none = walls.friction(here, shear), np.zeros(here.gap.shape)
+        return NearTools(here, friction, face_areas(state, here), flattening, here.active.copy(), none)
 
-    def _push(self, near: NearTools, dt: float, report: StepReport) -> None:
+    def _push(self, near: NearTools, dt: float, loads: Loads) -> None:
         """Advance the velocities by the forces of the charge and of the tools."""
         state, model, contacts, rows = self.state, self.model, near.contacts, near.contacts.rows
         assert self.present is not None
@@ -200,23 +247,49 @@ class ExplicitIntegrator(ImplicitIntegrator):
         opposing = _opposing_force(self.present, state.velocity, pressure_stress)
         velocities = np.empty_like(opposing)
         _kick(state.velocity, opposing, state.volume, dt / model.density, velocities)
+        if len(rows) == 0:
+            state.velocity = velocities
+            return
         here, per_mass = velocities[rows], (-dt / (model.density * state.volume[rows]))[:, None]
         friction = _drag(near, state.velocity[rows])
         here += per_mass * friction.sum(axis=1)
-        contacts.active = np.zeros_like(contacts.active)
-        contacts.active = contacts.violations(here, dt) > 0.0
-        if model.settings.ambient_pressure > 0.0:
-            pull = contacts.departures(here, dt) / (-dt * per_mass)
-            touched = contacts.gap < TOUCHING * contacts.half_width
-            contacts.active |= touched & (pull < held_by_air(model, state, contacts))
+        contacts.active = near.kept.copy()
+        contacts.active |= contacts.violations(here, dt) > 0.0
         free, held = contacts.constrain(dt)
         moved = multiply_rows(np.arange(len(rows)), free, here.copy()) + held
-        _, forces = contacts.reactions((here - moved) / per_mass)
-        add_tool_loads(self.model, contacts, forces - friction, state.position[rows], report)
+        pressing, forces = contacts.reactions((here - moved) / per_mass)
+        near.pressing += pressing
+        add_tool_loads(model, contacts, forces, state.position[rows], loads.pressing)
+        if model.walls.rub:
+            add_tool_loads(model, contacts, -friction, state.position[rows], loads.rubbing)
+        body = self._body_power(rows, (forces - friction).sum(axis=1), 0.5 * (state.velocity[rows] + moved))
+        loads.powers += body, *tool_powers(contacts, forces, -friction, state.velocity[rows])
         relative = moved[:, None, :] - contacts.wall_velocity
         contacts.gap = contacts.gap + dt * np.einsum("nkc,nkc->nk", contacts.normal, relative) + near.flattening
         velocities[rows] = moved
         state.velocity = velocities
+
+    def _let_go(self, near: NearTools, steps: int) -> None:
+        """Release what was pulled off in a number of steps, and remember what touches."""
+        assert self.present is not None
+        released = pulled_off(self.model, self.state, near.contacts, self.present.pairs, near.pressing / steps)
+        near.contacts.active &= ~released
+        self.remember(near.contacts)
+
+    def _body_power(self, rows: np.ndarray, forces: np.ndarray, velocities: np.ndarray) -> float:
+        """Power that the charge takes up in a step, Pa mm^3/s.
+
+        With the mean `velocities` (m, 3), mm/s, of the step the tools' `forces` (m, 3), Pa mm^2, on the particles
+        `rows` (m,) do just the work that dissipates, is stored or sets the charge in motion. To it comes what the
+        half-cells behind wall layers take up, which do not resist.
+        """
+        state, operator = self.state, self.present
+        assert operator is not None
+        share, gradient = between_wall_layers(state.wall_layers[rows]), state.velocity_gradient[rows]
+        pressure = self.model.bulk_modulus * (state.volume_ratio[rows] - 1.0)
+        behind = (1.0 / share - 1.0) * material_power(operator, gradient, rows)
+        behind += (1.0 - share) * pressure * np.einsum("nii->n", gradient)
+        return float(np.sum(forces * velocities) + np.sum(state.volume[rows] * behind))
 
     def _account_for(self, near: NearTools, report: StepReport) -> None:
         """Put the work done at the last positions into the report."""
@@ -244,8 +317,6 @@ class ExplicitIntegrator(ImplicitIntegrator):
         there = moments_and_gradient(pairs, state.position, state.volume, state.velocity)
         increment, gradient = increment_to_here(there, dt)
         state.velocity_gradient = gradient
-        _blend(state.smooth_gradient, gradient, RATE_MEMORY)
-        _blend(state.twice_smooth_gradient, state.smooth_gradient, RATE_MEMORY)
         convect_deformation(increment, state.deformation_gradient, state.volume_ratio)
         turn = increment if settings.shape_factor == 1.0 else jeffery_increment(gradient, dt, settings.shape_factor)
         convect_directions(turn, state.fibre_direction)

@@ -210,10 +210,15 @@ class ImplicitIntegrator:
         pairs = self.weigh(state.position)
         gradient = moments_and_gradient(pairs, state.position, state.volume, velocities)
         pairs.moments = None
-        # Half-widths of a wall layer that differ by the noise of single gradients would carve the charge.
-        around = mean_around(pairs, gradient, state.wall_layers > 0, pair_weight(0.0, self.model.smoothing_length))
+        around = self._around_walls(pairs, gradient)
         loose = rearrangement_rate(pairs, state.position, state.volume, velocities, gradient)
         return gradient, around, loose
+
+    def _around_walls(self, pairs: Pairs, gradient: np.ndarray) -> np.ndarray:
+        """Velocity gradients (n, 3, 3), those of wall layers averaged over their neighbourhoods."""
+        # Half-widths of a wall layer that differ by the noise of single gradients would carve the charge.
+        own_weight = pair_weight(0.0, self.model.smoothing_length)
+        return mean_around(pairs, gradient, self.state.wall_layers > 0, own_weight)
 
     def remember(self, contacts: Contacts) -> None:
         """Put the faces touched into the state, where the next search finds them again."""

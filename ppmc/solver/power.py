@@ -12,7 +12,25 @@ SCALES = (0.5, 2.0)  # bounds of the correction of reactions by their power
 LEAST_WORK = 0.1  # of the power that the charge takes up: below, reactions are left as they are
 
 
-def power_scale(contacts: Contacts, reactions: np.ndarray, drag: np.ndarray, slide: np.ndarray, body: float) -> float:
+def tool_powers(
+    contacts: Contacts, reactions: np.ndarray, drag: np.ndarray, velocities: np.ndarray
+) -> tuple[float, float]:
+    """Power, Pa mm^3/s, of reactions as they are, and that lost in sliding on the faces.
+
+    Parameters
+    ----------
+    contacts : Contacts
+    reactions, drag : ndarray, shape (m, 3, 3)
+        Normal and tangential forces of the faces on the particles, Pa mm^2.
+    velocities : ndarray, shape (m, 3)
+        Of the particles, mm/s.
+    """
+    whole = contacts.whole_cells()[:, None, None]
+    pressing = float(np.sum(whole * reactions * contacts.wall_velocity))
+    return pressing, -float(np.sum(whole * drag * velocities[:, None, :]))
+
+
+def power_scale(body: float, pressing: float, sliding: float) -> float:
     """Factor on reactions that makes the tools' power that of the charge and of sliding on it.
 
     An error e of the velocities falsifies reactions by A e, the power only by the square of e. With stiff fibres that
@@ -21,35 +39,33 @@ def power_scale(contacts: Contacts, reactions: np.ndarray, drag: np.ndarray, sli
 
     Parameters
     ----------
-    contacts : Contacts
-    reactions, drag : ndarray, shape (m, 3, 3)
-        Normal and tangential forces of the faces on the particles, Pa mm^2.
-    slide : ndarray, shape (m, 3, 3)
-        Velocities of the particles relative to the faces, mm/s.
     body : float
         Power that the charge takes up, Pa mm^3/s.
+    pressing, sliding : float
+        See :func:`tool_powers`.
 
     Returns
     -------
     float
         One where the tools' reactions do next to no work.
     """
-    whole = contacts.whole_cells()[:, None, None]
-    pressing = float(np.sum(whole * reactions * contacts.wall_velocity))
-    sliding = -float(np.sum(whole * drag * (slide + contacts.wall_velocity)))
     if pressing <= max(LEAST_WORK * body, 0.0):
         return 1.0
     return float(np.clip((body + sliding) / pressing, *SCALES))
 
 
-def material_power(operator: Operator, gradient: np.ndarray) -> np.ndarray:
-    """Power per volume of the material and its bulk stiffness, without zero-energy control; shape (n,), Pa/s.
+def material_power(
+    operator: Operator, gradient: np.ndarray, rows: np.ndarray | slice = slice(None)
+) -> np.ndarray:  # fmt: skip
+    """Power per volume of the material and its bulk stiffness, without zero-energy control; shape (m,), Pa/s.
 
-    `gradient`, shape (n, 3, 3), are velocity gradients, 1/s. It is what
-    :func:`ppmc.solver.viscosity.viscous_stress` gives, without arrays in between.
+    `gradient`, shape (m, 3, 3), are velocity gradients, 1/s, of the particles in `rows` (m,), all if not given. It is
+    what :func:`ppmc.solver.viscosity.viscous_stress` gives, without arrays in between.
     """
     out = np.empty(len(gradient))
-    _power(gradient, operator.shear, operator.bulk, operator.fibre, operator.directions, out)
+    _power(
+        gradient, operator.shear[rows], operator.bulk[rows], operator.fibre[rows], operator.directions[rows], out
+    )  # fmt: skip
     return out
 
 

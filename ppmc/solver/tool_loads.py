@@ -8,7 +8,7 @@ from ppmc.solver.contact import FACES, Contacts, between_wall_layers
 from ppmc.solver.gradient import velocity_gradient
 from ppmc.solver.model import Model, StepReport
 from ppmc.solver.operator import Operator
-from ppmc.solver.power import material_power, power_scale
+from ppmc.solver.power import material_power, power_scale, tool_powers
 from ppmc.solver.state import ParticleState
 
 
@@ -87,7 +87,7 @@ def account(
     faces = wall_drag(model, state, contacts, operator)
     drag = -np.einsum("nkab,nkb->nka", faces, slide) if len(faces) else np.zeros_like(slide)
     body = _body_power(model, state, power, swelling, v, time_step) + total - physical
-    forces *= power_scale(contacts, forces, drag, slide, body)
+    forces *= power_scale(body, *tool_powers(contacts, forces, drag, v[contacts.rows]))
     add_tool_loads(model, contacts, forces + drag, operator.positions[contacts.rows], report)
     report.contacts = int(contacts.active.any(axis=1).sum())
     report.penetration = float(contacts.violations(v[contacts.rows], time_step).max(initial=0.0))

@@ -42,7 +42,7 @@ def test_explicit_and_implicit_agree():
     mine = integrator.state.in_original_order(integrator.state.deformation_gradient).mean(axis=0)
     f = reference.state.in_original_order(reference.state.deformation_gradient).mean(axis=0)
     np.testing.assert_allclose(mine, f, atol=0.01)
-    assert force == pytest.approx(reference.press_force, rel=0.08)
+    assert force == pytest.approx(reference.press_force, rel=0.03)  # a mean over a time in which it grows by 4 %
     limits = integrator.limits
     assert limits is not None and limits.used < min(limits.viscous, limits.courant)
 
@@ -115,7 +115,7 @@ def test_drag_of_a_navier_wall_is_that_of_the_implicit_step():
     expected = np.einsum("nkab,nkb->nka", blocks, velocities[:, None] - contacts.wall_velocity)
     shear = np.full(len(contacts.rows), implicit.model.material.shear)
     areas, none = contacts.areas(state.volume[contacts.rows]), np.zeros((len(contacts.rows), 3))
-    near = NearTools(contacts, walls.friction(contacts, shear), areas, none)
+    near = NearTools(contacts, walls.friction(contacts, shear), areas, none, contacts.active, none)
     found = _drag(near, velocities)
     np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
 
