@@ -3,9 +3,9 @@ r"""Explicit integrator: the papers' route, with scaled mass.
 Velocities advance by :math:`\Delta t\,f/m` with the force of the same operator, pressure :math:`-K(J-1)` and
 unilateral contact by projection of the velocity. As in the implicit integrator a face that was touched stays so until
 the charge around it pulls, and tools bear what their power says: reactions at the centres of wall layers exceed the
-pressure on the faces, by a sixth for two plies of two layers each. The stable step follows from the operator itself: with the largest
-eigenvalues of the viscous and of the volumetric stiffness over the mass, :math:`\lambda_v` and :math:`\lambda_K`
-(power iterations),
+pressure on the faces, by a sixth for two plies of two layers each. The stable step follows from the operator itself:
+with the largest eigenvalues of the viscous and of the volumetric stiffness over the mass, :math:`\lambda_v` and
+:math:`\lambda_K` (power iterations),
 
 .. math:: \Delta t = \frac{0.8}{\lambda_v/2 + \sqrt{\lambda_K}/2},
 
@@ -21,6 +21,7 @@ particles near them only.
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 
@@ -117,8 +118,8 @@ class Loads:
     @classmethod
     def on(cls, tools: int) -> Loads:
         """No load yet on a number of tools."""
-        none = [StepReport(tool_force=np.zeros((tools, 3)), tool_moment=np.zeros((tools, 3))) for _ in range(2)]
-        return cls(*none, np.zeros(3))
+        pressing = StepReport(tool_force=np.zeros((tools, 3)), tool_moment=np.zeros((tools, 3)))
+        return cls(pressing, copy.deepcopy(pressing), np.zeros(3))
 
     def put_into(self, report: StepReport, steps: int) -> None:
         """Put the means over a number of steps into a report, the pressing forces scaled by their power."""
