@@ -59,15 +59,15 @@ class Squeeze:
 def make_squeeze(
     shape: tuple[int, int, int] = (8, 8, 6), ratio: float = 1.0, reduction: float = 0.5, angle: float = 0.0,
     jitter: float = 0.0, directions: np.ndarray | None = None, bulk_ratio: float = 300.0,
-    walls: tuple = (), **settings: object,
+    walls: tuple = (), wall: object = "slip", **settings: object,
 ) -> ImplicitIntegrator:  # fmt: skip
-    """Integrator of a block between slip plates; eta23 = 1 Pa s, ram at constant speed to `reduction` of the height."""
+    """Integrator of a block between plates; eta23 = 1 Pa s, ram at constant speed to `reduction` of the height."""
     positions, height = lattice(shape, jitter), float(shape[2])
     n = len(positions)
     motion = {"velocity": (0, 0, -height * (1.0 - reduction))}
     planes = {
-        "lower": PlaneTool(shape="plane", point=(0, 0, 0), normal=(0, 0, 1)),
-        "ram": PlaneTool(shape="plane", point=(0, 0, height), normal=(0, 0, -1), motion=motion),
+        "lower": PlaneTool(shape="plane", point=(0, 0, 0), normal=(0, 0, 1), wall=wall),
+        "ram": PlaneTool(shape="plane", point=(0, 0, height), normal=(0, 0, -1), motion=motion, wall=wall),
     }
     for number, (point, normal) in enumerate(walls):
         planes[f"wall{number}"] = PlaneTool(shape="plane", point=point, normal=normal)

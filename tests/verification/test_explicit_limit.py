@@ -47,11 +47,11 @@ def block(**settings: object) -> ImplicitIntegrator:
     )
 
 
-def explicit(reynolds: float) -> ExplicitIntegrator:
-    """The same with scaled mass."""
-    implicit = block(integrator="explicit", reynolds_number=reynolds)
-    height = float(SHAPE[2])
-    implicit.model.density = reynolds * (RATIO + 2.0) / (height * (1.0 - REDUCTION) * height)
+def explicit(implicit: ImplicitIntegrator, reynolds: float, height: float) -> ExplicitIntegrator:
+    """Explicit integrator of a block of a height, mm, with the mass that makes a Reynolds number."""
+    material = implicit.model.material
+    speed = height * (1.0 - REDUCTION)
+    implicit.model.density = reynolds * (material.ratio + 2.0) * material.shear / (speed * height)
     return ExplicitIntegrator(implicit.model, implicit.state)
 
 
@@ -63,7 +63,10 @@ def relative(difference: np.ndarray, reference: np.ndarray) -> float:
 def test_explicit_and_implicit_agree_without_inertia():
     start = block().state.position
     steady = Outcome(block(max_strain_increment=0.2, velocity_tolerance=1e-5), 1.0 / 80.0)
-    runs = [Outcome(explicit(reynolds), 0.05) for reynolds in REYNOLDS]
+    runs = [
+        Outcome(explicit(block(integrator="explicit", reynolds_number=value), value, SHAPE[2]), 0.05)
+        for value in REYNOLDS
+    ]
     forces = np.array([run.force for run in runs])
     moved = [relative(run.position - steady.position, steady.position - start) for run in runs]
     velocities = [relative(run.velocity - steady.velocity, steady.velocity) for run in runs]
@@ -75,3 +78,13 @@ def test_explicit_and_implicit_agree_without_inertia():
     changes = [relative(a.position - b.position, start) for a, b in pairwise(runs)]
     assert orders == pytest.approx(1.0, abs=0.3)
     assert np.log2(changes[0] / changes[1]) == pytest.approx(1.0, abs=0.3)
+
+
+def test_walls_rub_alike():
+    options = {"shape": (8, 8, 3), "reduction": REDUCTION, "wall": {"friction": 2.0}}
+    steady = Outcome(make_squeeze(**options, max_strain_increment=0.2, velocity_tolerance=1e-5), 1.0 / 80.0)
+    scaled = make_squeeze(**options, integrator="explicit", reynolds_number=4e-3)
+    start = scaled.state.position
+    run = Outcome(explicit(scaled, 4e-3, 3.0), 0.05)
+    assert run.force == pytest.approx(steady.force, rel=0.002)
+    assert relative(run.position - steady.position, steady.position - start) < 0.002
