@@ -176,8 +176,16 @@ def test_volume_above_the_base(filled, load_benchmark):
         assert frame.distance > 0.0
         assert np.linalg.norm(frame.position, axis=1).max() < 60.0
     assert np.abs(errors).max() < 0.02
-    # A Newtonian charge stays a lattice, whose rows cross the mouths all at once: a reading is good to a per cent.
-    assert abs(np.mean(errors) if ratio == 1.0 else errors[-1]) < 0.01
+    if ratio == 1.0:
+        # A Newtonian charge stays a lattice, whose rows cross the mouths all at once: late readings are good to a per
+        # cent only, but for those in the kernels' metric.
+        ram, last = PART.closing_speed * frames[-1].time, frames[-1]
+        passed = load_benchmark("solver_fill").share_passed(last.position, ram, PART, 1.0, FINE, last.shape)
+        assert passed == pytest.approx(ram / PART.charge_height, rel=0.01)
+        assert abs(np.mean(errors)) < 0.01
+        assert abs(errors[0]) < 0.01
+    else:
+        assert abs(errors[-1]) < 0.01
 
 
 @pytest.mark.slow
