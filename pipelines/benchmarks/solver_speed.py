@@ -115,7 +115,13 @@ class Passes:
         """Pass that sorts and lists anew."""
         assert self.integrator.neighbours is not None
         self.integrator.neighbours.slack = 0.0
+        self.swap_ends()
         self.advance(refresh=True)
+
+    def swap_ends(self) -> None:
+        """Let the first particle and the last change places in the order, so that there is something to sort."""
+        for values in self.integrator.state.arrays().values():
+            values[[0, -1]] = values[[-1, 0]]
 
     def advance(self, refresh: bool) -> None:
         """Make a pass as the integrator does."""

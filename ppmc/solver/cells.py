@@ -6,7 +6,7 @@ neighbours of a particle are never far from it in the order.
 
 # mypy: disable-error-code="no-untyped-def"
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,6 +50,11 @@ class Cells:
     edge: np.ndarray
     low: np.ndarray
     in_order: bool
+
+    def in_their_order(self) -> "Cells":
+        """Return the same cells for particles that have been put into `order`."""
+        order = np.arange(len(self.order), dtype=np.int32)
+        return replace(self, order=order, cell=self.cell[self.order], in_order=True)
 
 
 def sort_into_cells(positions: np.ndarray, radius: float | np.ndarray) -> Cells:

@@ -227,7 +227,8 @@ def between_wall_layers(wall_layers: np.ndarray) -> np.ndarray:
     wall_layers : ndarray, shape (n,)
         Number of faces in whose wall layer the particle is.
     """
-    return WALL_SHARE**wall_layers
+    shares: np.ndarray = WALL_SHARE ** np.arange(FACES + 1.0)
+    return shares[wall_layers]
 
 
 def places(rows: np.ndarray, n: int) -> np.ndarray:

@@ -13,12 +13,13 @@ import math
 import numpy as np
 
 from ppmc.solver import materials
+from ppmc.solver.cells import Cells, sort_into_cells
 from ppmc.solver.contact import Contacts, between_wall_layers
 from ppmc.solver.contact_passes import solve_with_contacts
 from ppmc.solver.gradient import mean_around, moments_and_gradient, velocity_gradient
 from ppmc.solver.kernel_shape import follow_lattice, inverse_shape, limited, rearrangement_rate, smoothness
 from ppmc.solver.model import Model, StepReport
-from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, cell_order, extents, list_is_stale, weigh_pairs
+from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, extents, list_is_stale, weigh_pairs
 from ppmc.solver.operator import Operator, assemble
 from ppmc.solver.packing import Packing
 from ppmc.solver.smoothing import SUPPORT, pair_weight
@@ -68,24 +69,30 @@ class ImplicitIntegrator:
             return
         cutoff = SUPPORT * h * (1.0 + SKIN)
         metric, longest = self.metric(state.kernel_shape) if self.affine else (None, 1.0)
-        # Sorted by the very cells that the list is searched with.
-        order = cell_order(state.position, cutoff if metric is None else cutoff * extents(metric))
-        self.reorder(order)
+        cells = sort_into_cells(state.position, cutoff if metric is None else cutoff * extents(metric))
+        if not cells.in_order:
+            self.reorder(cells.order)
+            metric = None if metric is None else metric[cells.order]
+            cells = cells.in_their_order()
         self.list_shape = state.kernel_shape
         if self.affine:
-            self.measured = self.list_shape, None if metric is None else metric[order], longest
-        self.rebuild_list(state.position)
+            self.measured = self.list_shape, metric, longest
+        self.rebuild_list(state.position, cells)
 
     def reorder(self, order: np.ndarray) -> None:
         """Permute all that is kept with one row a particle."""
         self.state.reorder(order)
 
-    def rebuild_list(self, positions: np.ndarray) -> None:
-        """List neighbours at given positions (those of the last rebuild, when a run is resumed)."""
+    def rebuild_list(self, positions: np.ndarray, cells: Cells | None = None) -> None:
+        """List neighbours at given positions (those of the last rebuild, when a run is resumed).
+
+        `cells` are those of the particles there, if they have been sorted already with the length that is searched.
+        """
         support, last = SUPPORT * self.model.smoothing_length, self.neighbours
         metric, longest = self.metric(self.list_shape) if self.affine else (None, 1.0)
         self.neighbours = None
-        self.neighbours = build_list(positions, support * (1.0 + SKIN), 0.5 * support * SKIN, metric, longest, last)
+        cutoff, slack = support * (1.0 + SKIN), 0.5 * support * SKIN
+        self.neighbours = build_list(positions, cutoff, slack, metric, longest, last, cells)
 
     def weigh(self, positions: np.ndarray) -> Pairs:
         """Weighted pairs at positions near the current ones; they end those that were weighed before."""

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmc.compile_cache import njit, prange
-from ppmc.solver.cells import sort_into_cells
+from ppmc.solver.cells import Cells, sort_into_cells
 from ppmc.solver.neighbour_search import find_neighbours, room_for
 from ppmc.solver.smoothing import SUPPORT, pair_weight
 
@@ -145,7 +145,7 @@ def cell_order(positions: np.ndarray, cutoff: float | np.ndarray) -> np.ndarray:
 
 def build_list(
     positions: np.ndarray, cutoff: float, slack: float, inverse_shape: np.ndarray | None = None, reach: float = 1.0,
-    last: NeighbourList | None = None,
+    last: NeighbourList | None = None, cells: Cells | None = None,
 ) -> NeighbourList:  # fmt: skip
     """List all particles within `cutoff` (mm) of each particle, itself left out.
 
@@ -163,6 +163,8 @@ def build_list(
         Largest axis of the shapes.
     last : NeighbourList, optional
         A list that nobody needs any more; the new one takes its arrays if they are large enough.
+    cells : Cells, optional
+        The particles sorted into cells of the length that is searched, where that has been done already.
 
     Returns
     -------
@@ -170,7 +172,7 @@ def build_list(
     """
     metric = _NO_METRIC if inverse_shape is None else inverse_shape
     box = cutoff * (np.ones(3) if inverse_shape is None else extents(inverse_shape))
-    cells = sort_into_cells(positions, box)
+    cells = sort_into_cells(positions, box) if cells is None else cells
     likely, room = (0, None) if last is None else (last.longest + ROW_SPARE, last.index)
     start, index = find_neighbours(cells, cutoff * reach, box, cutoff, metric, likely, room)
     del cells
@@ -190,8 +192,9 @@ def extents(inverse_shape: np.ndarray) -> np.ndarray:
 
 def list_is_stale(neighbours: NeighbourList, positions: np.ndarray) -> bool:
     """Tell whether any particle has used up the skin of the list."""
-    moved = positions - neighbours.positions
-    return bool(np.einsum("ij,ij->i", moved, moved).max(initial=0.0) > neighbours.slack**2)
+    farthest = np.zeros((len(positions) + CHUNK - 1) // CHUNK)
+    _farthest_moves(positions, neighbours.positions, farthest)
+    return bool(farthest.max(initial=0.0) > neighbours.slack**2)
 
 
 def weigh_pairs(
@@ -233,6 +236,14 @@ def _blocks(start: np.ndarray, index: np.ndarray) -> Blocks:
     offset = np.zeros(count + 1, dtype=np.int64)
     np.cumsum(end - low, out=offset[1:])
     return Blocks(np.ascontiguousarray(rows), low, offset)
+
+
+@njit(cache=True, parallel=True)
+def _farthest_moves(x, before, squared):
+    for chunk in prange(squared.shape[0]):
+        for i in range(chunk * CHUNK, min(x.shape[0], (chunk + 1) * CHUNK)):
+            d0, d1, d2 = x[i, 0] - before[i, 0], x[i, 1] - before[i, 1], x[i, 2] - before[i, 2]
+            squared[chunk] = max(squared[chunk], d0 * d0 + d1 * d1 + d2 * d2)
 
 
 @njit(cache=True)

@@ -149,12 +149,21 @@ def assemble(
     """
     inverse, trace, first = moment_inverses(pairs, positions, volumes)
     control = np.empty((len(positions), 2 + fibre.shape[1]))
-    per_trace = np.where(trace > 0.0, volumes / np.where(trace > 0.0, trace, 1.0), 0.0)
-    control[:, 0] = isotropic * shear * volumes
-    planar = fibre.sum(axis=1) / 4.0 + 3.0 * shear  # (R + 2) eta23: what a planar random squeeze meets
-    control[:, 1] = (bond * (planar**5 * shear) ** (1.0 / 6.0) + along_bond) * per_trace
-    control[:, 2:] = along_fibre * fibre * per_trace[:, None]
+    along_bond = np.array(np.broadcast_to(along_bond, len(positions)))
+    _control(volumes, trace, shear, fibre, isotropic, bond, along_fibre, along_bond, control)
     return Operator(pairs, positions, volumes, inverse, trace, first, shear, bulk, fibre, directions, control)
+
+
+@njit(cache=True, parallel=True)
+def _control(volume, trace, shear, fibre, isotropic, bond, along_fibre, along_bond, control):
+    for i in prange(volume.shape[0]):
+        per_trace = volume[i] / trace[i] if trace[i] > 0.0 else 0.0
+        planar = 3.0 * shear[i]  # with the fibres (R + 2) eta23: what a planar random squeeze meets
+        for k in range(fibre.shape[1]):
+            planar += fibre[i, k] / 4.0
+            control[i, 2 + k] = along_fibre * fibre[i, k] * per_trace
+        control[i, 0] = isotropic * shear[i] * volume[i]
+        control[i, 1] = (bond * (planar**5 * shear[i]) ** (1.0 / 6.0) + along_bond[i]) * per_trace
 
 
 @njit(cache=True, parallel=True)
