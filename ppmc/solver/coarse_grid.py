@@ -30,8 +30,10 @@ from ppmc.solver.skyline import SkylineFactor, factorise
 
 CELL = 4.0  # size of a grid cell in particle spacings
 # Values of the factor, a particle and in all: more are not worth their memory, nor the time they take; cells are then
-# made wider, first along the two longer extents only, for unlike plies on each other need theirs.
+# made wider, first along the two longer extents only, for unlike plies on each other need theirs. Sheets of few layers,
+# which want narrow cells most, may use the room that their lists leave: candidates a particle in the bulk, less theirs.
 MOST_VALUES, FREE_VALUES = 48, 1_000_000
+USUAL_CANDIDATES = 90
 WIDENING, WIDEST = 1.02, 2.0  # at least, at a time; along the longer extents alone
 FEWEST = 3  # cells across a thin charge, down to five eighths of the size: unlike plies on each other need them
 SHIFT = 1e-9  # of the diagonal, for rigid motions
@@ -126,7 +128,7 @@ class CoarseGrid:
         _interpolate(self.order, self.start, self.local, self.nodes, solution, out)
 
 
-def make_grid(positions: np.ndarray, cell: float) -> CoarseGrid:
+def make_grid(positions: np.ndarray, cell: float, candidates: int | None = None) -> CoarseGrid:
     """Lay a grid over the particles.
 
     Parameters
@@ -136,6 +138,9 @@ def make_grid(positions: np.ndarray, cell: float) -> CoarseGrid:
     cell : float
         Wanted size of a cell, mm; the grid fits the extent of the particles with whole cells, narrower ones where a
         charge is thin, and wider ones where its factor would be large.
+    candidates : int, optional
+        Length of the neighbour list, each entry of which takes the memory of one value of the factor; as in the bulk
+        if left out.
 
     Returns
     -------
@@ -152,7 +157,9 @@ def make_grid(positions: np.ndarray, cell: float) -> CoarseGrid:
             f"particles are spread over {low} to {low + span} mm: some have been lost; take smaller steps"
             " (solver.max_strain_increment) or look for gaps in the tooling"
         )
-    wanted, most = np.full(3, cell), max(MOST_VALUES * len(positions), FREE_VALUES)
+    n = len(positions)
+    left = 0 if candidates is None else max(0, USUAL_CANDIDATES * n - candidates)
+    wanted, most = np.full(3, cell), max(MOST_VALUES * n + left, FREE_VALUES)
     longer = np.argsort(span, kind="stable")[1:]
     while True:
         grid = _lay(positions, wanted)

@@ -126,9 +126,10 @@ def pulled_off(
 
 def _coarse_grid(model: Model, system: VelocitySystem, blocks: np.ndarray) -> CoarseGrid:
     """Coarse level of the preconditioner, for all passes of a step: it need not know the last faces that touch."""
-    grid = make_grid(system.operator.positions, CELL * model.spacing)
+    operator = system.operator
+    grid = make_grid(operator.positions, CELL * model.spacing, len(operator.pairs.index))
     # What a tool holds is as stiff for the grid as the particle itself: the grid then leaves it alone.
     own = blocks[system.rows, :3].mean(axis=1)
     hold = own[:, None, None] * (np.eye(3) - system.free) + system.drag
-    grid.stiffen(system.operator, system.inertia, system.rows, hold)
+    grid.stiffen(operator, system.inertia, system.rows, hold)
     return grid

@@ -6,7 +6,7 @@ import pytest
 
 from ppmc.errors import NumericalError
 from ppmc.solver.block_jacobi import multiply_rows, multiply_symmetric, restricted_inverse
-from ppmc.solver.coarse_grid import FREE_VALUES, MOST_VALUES, SHIFT, CoarseGrid, make_grid
+from ppmc.solver.coarse_grid import FREE_VALUES, MOST_VALUES, SHIFT, USUAL_CANDIDATES, CoarseGrid, make_grid
 from ppmc.solver.conjugate_gradient import conjugate_gradient
 from ppmc.solver.operator import Operator
 from ppmc.solver.rigid_modes import free_rigid_modes
@@ -245,6 +245,15 @@ def test_cells_widen_along_the_longer_extents_until_the_factor_is_small(shape, c
     assert not widened or grid.offset[-1] > 0.8 * MOST_VALUES * len(positions)
     cells = np.prod([round(np.ptp(positions[:, k]) / grid.size[k]) for k in range(3)])
     assert len(grid.nodes) == cells
+
+
+def test_sheets_whose_lists_are_short_have_narrower_cells():
+    positions = lattice((110, 110, 3))
+    n = len(positions)
+    bulk, sheet = (make_grid(positions, 3.0, candidates * n) for candidates in (USUAL_CANDIDATES, 40))
+    assert bulk.offset[-1] <= MOST_VALUES * n < sheet.offset[-1] <= (MOST_VALUES + USUAL_CANDIDATES - 40) * n
+    assert sheet.size.max() < 0.9 * bulk.size.max()
+    np.testing.assert_array_equal(bulk.size, make_grid(positions, 3.0).size)
 
 
 def test_grid_refuses_lost_particles():
