@@ -6,10 +6,13 @@ import pytest
 from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
+from ppmc.solver.implicit import SKIN, ImplicitIntegrator
 from ppmc.solver.kernel_shape import full, inverse_shape
 from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, cell_order, weigh_pairs
+from ppmc.solver.smoothing import SUPPORT
 
 from .blocks import lattice, stretched, wendland_weight
+from .scenes import make_squeeze
 
 CUTOFF, H = 2.86, 1.3
 
@@ -219,3 +222,23 @@ def test_blocks_cover_all_rows_and_their_windows_all_neighbours():
         reached = neighbours.index[neighbours.start[blocks.rows[b]] : neighbours.start[blocks.rows[b + 1]]]
         assert reached.min() >= blocks.low[b]
         assert reached.max() < blocks.low[b] + blocks.offset[b + 1] - blocks.offset[b]
+
+
+@pytest.mark.parametrize("aspect", [1.0, 1.3])
+def test_list_is_the_same_whether_its_particles_had_to_be_sorted_or_not(aspect):
+    implicit = make_squeeze(shape=(8, 7, 6), jitter=0.2)
+    integrator, state = ImplicitIntegrator(implicit.model, implicit.state), implicit.state
+    state.kernel_shape = np.tile([aspect**2, aspect**-2, 1.0, 0.0, 0.0, 0.0], (len(state), 1))
+    integrator.refresh_neighbours(force=True)
+    sorted_positions, listed = state.position, integrator.neighbours
+    integrator.refresh_neighbours(force=True)
+    assert state.position is sorted_positions
+    np.testing.assert_array_equal(integrator.neighbours.index, listed.index)
+    for order in ([1, 0, *range(2, len(state))], np.random.default_rng(3).permutation(len(state))):
+        state.reorder(np.array(order, dtype=np.int32))
+        integrator.refresh_neighbours(force=True)
+        cutoff = SUPPORT * integrator.model.smoothing_length * (1.0 + SKIN)
+        plain = build_list(state.position, cutoff, 0.13, *integrator.metric(state.kernel_shape))
+        np.testing.assert_array_equal(integrator.neighbours.start, plain.start)
+        np.testing.assert_array_equal(integrator.neighbours.index, plain.index)
+        np.testing.assert_array_equal(np.sort(state.original), np.arange(len(state)))
