@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.solver.block_jacobi import restricted_inverse
+from ppmc.solver.cells import sort_into_cells
 from ppmc.solver.coarse_grid import CELL, make_grid
 from ppmc.solver.conjugate_gradient import conjugate_gradient
-from ppmc.solver.neighbours import build_list, cell_order, weigh_pairs
+from ppmc.solver.neighbours import build_list, weigh_pairs
 from ppmc.solver.operator import Operator, assemble
 from ppmc.solver.rigid_modes import free_rigid_modes
 from ppmc.solver.system import VelocitySystem
@@ -45,7 +46,7 @@ def platelets(shape: tuple[int, int, int], rng: np.random.Generator) -> tuple[Ar
         fibre = np.stack([np.cos(angle) * np.cos(tilt), np.sin(angle) * np.cos(tilt), np.sin(tilt)], axis=1)
         directions[on] = fibre[np.argmin(np.maximum(along, across), axis=1)]
     points += 0.1 * rng.uniform(-1.0, 1.0, points.shape)
-    order = cell_order(points, 2.86)
+    order = sort_into_cells(points, 2.86).order
     return points[order], directions[order]
 
 

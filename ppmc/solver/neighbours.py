@@ -120,29 +120,6 @@ class NeighbourList:
     blocks: Blocks
 
 
-def cell_order(positions: np.ndarray, cutoff: float | np.ndarray) -> np.ndarray:
-    """Permutation that sorts particles by the cells that :func:`build_list` searches, stable inside a cell.
-
-    Parameters
-    ----------
-    positions : ndarray, shape (n, 3)
-        Particle centres, mm.
-    cutoff : float, or ndarray, shape (3,)
-        Distance, mm, within which neighbours are to be found, along all axes or each: of a list in a metric, its cutoff
-        times the :func:`extents`.
-
-    Returns
-    -------
-    ndarray, shape (n,), int32
-
-    Raises
-    ------
-    ppmc.errors.NumericalError
-        If the particles are spread over an implausible number of cells (some have been lost).
-    """
-    return sort_into_cells(positions, cutoff).order
-
-
 def build_list(
     positions: np.ndarray, cutoff: float, slack: float, inverse_shape: np.ndarray | None = None, reach: float = 1.0,
     last: NeighbourList | None = None, cells: Cells | None = None,
@@ -152,7 +129,7 @@ def build_list(
     Parameters
     ----------
     positions : ndarray, shape (n, 3)
-        Particle centres, mm, best sorted with :func:`cell_order`.
+        Particle centres, mm, best in the order of :func:`ppmc.solver.cells.sort_into_cells`.
     cutoff : float
         Support of the kernel plus skin, mm.
     slack : float

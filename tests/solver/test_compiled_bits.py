@@ -12,12 +12,13 @@ import hashlib
 import numpy as np
 from ppmc.solver.explicit import _opposing_force
 from ppmc.solver.gradient import moments_and_gradient
-from ppmc.solver.neighbours import build_list, cell_order, weigh_pairs
+from ppmc.solver.cells import sort_into_cells
+from ppmc.solver.neighbours import build_list, weigh_pairs
 from tests.solver.blocks import lattice, unit_vectors
 from ppmc.solver.operator import assemble
 
 x = lattice((9, 8, 7), jitter=0.2)
-x = x[cell_order(x, 2.86)]
+x = x[sort_into_cells(x, 2.86).order]
 n = len(x)
 one = np.ones(n)
 pairs = weigh_pairs(build_list(x, 2.86, 0.13), x, 1.3)

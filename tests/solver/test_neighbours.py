@@ -6,9 +6,10 @@ import pytest
 from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
+from ppmc.solver.cells import sort_into_cells
 from ppmc.solver.implicit import SKIN, ImplicitIntegrator
 from ppmc.solver.kernel_shape import full, inverse_shape
-from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, cell_order, weigh_pairs
+from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, weigh_pairs
 from ppmc.solver.smoothing import SUPPORT
 
 from .blocks import lattice, stretched, wendland_weight
@@ -45,7 +46,7 @@ def row(holder: NeighbourList | Pairs, i: int) -> slice:
 @pytest.mark.parametrize("name", CLOUDS)
 def test_rows_equal_brute_force(name, ordered):
     x = CLOUDS[name]
-    x = x[cell_order(x, CUTOFF)] if ordered else np.random.default_rng(3).permutation(x)
+    x = x[sort_into_cells(x, CUTOFF).order] if ordered else np.random.default_rng(3).permutation(x)
     neighbours = build_list(x, CUTOFF, 0.13)
     pairs = weigh_pairs(neighbours, x, H)
     distance = np.linalg.norm(x[:, None] - x[None], axis=2)
@@ -126,7 +127,7 @@ def test_rows_do_not_remember_where_they_were_weighed_before(metric):
     # What is within reach changes back and forth; a run that is resumed has a new list and must get the same sums.
     rng = np.random.default_rng(8)
     x = CLOUDS["random box"]
-    x = x[cell_order(x, CUTOFF)]
+    x = x[sort_into_cells(x, CUTOFF).order]
     shape = np.tile([1.1, 1.0, 1.0 / 1.1, 0.0, 0.0, 0.0], (len(x), 1))
     inverse, reach = inverse_shape(shape) if metric else (None, 1.0)
     neighbours, divided = build_list(x, CUTOFF, 0.13, inverse, reach), set()
@@ -162,7 +163,7 @@ def test_rows_of_many_particles_equal_those_of_a_tree():
     last = None
     for scale in (1.0, 0.93):
         points = scale * x
-        points = points[cell_order(points, CUTOFF)]
+        points = points[sort_into_cells(points, CUTOFF).order]
         last = build_list(points, CUTOFF, 0.13, last=last)
         near = cKDTree(points).query_pairs(CUTOFF, output_type="ndarray")
         expected = coo_array((np.ones(len(near)), near.T), shape=(len(x), len(x)))
@@ -175,7 +176,7 @@ def test_order_keeps_neighbours_close_along_the_longest_extent():
     x = random_cloud(4000, (40.0, 10.0, 10.0))
     for axis in range(3):
         turned = np.ascontiguousarray(np.roll(x, axis, axis=1))
-        turned = turned[cell_order(turned, CUTOFF)]
+        turned = turned[sort_into_cells(turned, CUTOFF).order]
         neighbours = build_list(turned, CUTOFF, 0.13)
         owner = np.repeat(np.arange(len(x)), np.diff(neighbours.start))
         # Two layers of cells of a charge 40 long.
@@ -184,8 +185,8 @@ def test_order_keeps_neighbours_close_along_the_longest_extent():
 
 def test_sorting_again_changes_nothing():
     x = CLOUDS["random box"]
-    x = x[cell_order(x, CUTOFF)]
-    np.testing.assert_array_equal(cell_order(x, CUTOFF), np.arange(len(x)))
+    x = x[sort_into_cells(x, CUTOFF).order]
+    np.testing.assert_array_equal(sort_into_cells(x, CUTOFF).order, np.arange(len(x)))
 
 
 @pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="needs two threads")
@@ -213,7 +214,7 @@ def test_lists_are_the_same_to_the_last_bit_with_one_and_two_threads(metric):
 
 def test_blocks_cover_all_rows_and_their_windows_all_neighbours():
     x = lattice((30, 10, 10), jitter=0.3)
-    neighbours = build_list(x[cell_order(x, CUTOFF)], CUTOFF, 0.13)
+    neighbours = build_list(x[sort_into_cells(x, CUTOFF).order], CUTOFF, 0.13)
     blocks = neighbours.blocks
     assert len(blocks.low) > 2
     assert blocks.rows[0] == 0

@@ -7,6 +7,7 @@ from ppmc.errors import NumericalError
 from ppmc.geometry.toolset import compile_tools
 from ppmc.scene.tooling import BoxTool, PlaneTool
 from ppmc.solver.block_jacobi import restricted_inverse
+from ppmc.solver.cells import sort_into_cells
 from ppmc.solver.conjugate_gradient import conjugate_gradient
 from ppmc.solver.kernel_shape import (
     follow_lattice,
@@ -17,7 +18,7 @@ from ppmc.solver.kernel_shape import (
     rearrangement_rate,
     six,
 )
-from ppmc.solver.neighbours import build_list, cell_order, list_is_stale, weigh_pairs
+from ppmc.solver.neighbours import build_list, list_is_stale, weigh_pairs
 from ppmc.solver.packing import NearWalls, inside, packing
 from ppmc.solver.reductions import dot
 from ppmc.solver.time_step import event_times, fit_to_times, proposed_step
@@ -34,7 +35,7 @@ def near_walls(x: np.ndarray, tools: dict, reach: float) -> NearWalls:
 
 def test_neighbours_equal_brute_force_and_are_symmetric():
     x = lattice((6, 5, 4), jitter=0.3)
-    x = x[cell_order(x, 2.86)]
+    x = x[sort_into_cells(x, 2.86).order]
     pairs = weigh_pairs(build_list(x, 2.86, 0.13), x, 1.3)
     distance = np.linalg.norm(x[:, None] - x[None], axis=2)
     for i in range(len(x)):
@@ -49,7 +50,7 @@ def test_neighbours_equal_brute_force_and_are_symmetric():
 
 def test_shuffled_particles_give_the_same_sorted_neighbourhoods():
     x = lattice((5, 5, 5), jitter=0.3)
-    order = cell_order(x, 2.86)
+    order = sort_into_cells(x, 2.86).order
     assert sorted(order) == list(range(len(x)))
     counts = weigh_pairs(build_list(x[order], 2.86, 0.1), x[order], 1.3).count
     plain = weigh_pairs(build_list(x, 2.86, 0.1), x, 1.3).count
@@ -71,7 +72,7 @@ def test_a_lost_particle_is_named_as_such():
     x = lattice((4, 4, 4))
     x[0] = 1e9
     with pytest.raises(NumericalError, match="lost"):
-        cell_order(x, 2.6)
+        sort_into_cells(x, 2.6)
 
 
 def test_affine_support_keeps_the_neighbours_of_a_stretched_lattice():

@@ -4,7 +4,8 @@ import numba
 import numpy as np
 import pytest
 
-from ppmc.solver.neighbours import build_list, cell_order, weigh_pairs
+from ppmc.solver.cells import sort_into_cells
+from ppmc.solver.neighbours import build_list, weigh_pairs
 from ppmc.solver.operator import assemble
 
 from .blocks import lattice, unit_vectors
@@ -21,7 +22,7 @@ def make(positions: np.ndarray, directions: np.ndarray, fibre: np.ndarray):
 @pytest.mark.parametrize("order", ["sorted", "shuffled"])
 def test_product_equals_the_general_sweeps_over_many_blocks(order):
     x = lattice((16, 12, 12), jitter=0.2)
-    x = x[cell_order(x, 2.7)] if order == "sorted" else np.random.default_rng(1).permutation(x)
+    x = x[sort_into_cells(x, 2.7).order] if order == "sorted" else np.random.default_rng(1).permutation(x)
     p = unit_vectors(len(x))
     fibre = np.full((len(x), 1), 400.0)
     fast = make(x, p, fibre)
