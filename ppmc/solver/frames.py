@@ -1,4 +1,10 @@
-"""What a frame of the flow history holds, computed from the state."""
+"""What a frame of the flow history holds: one snapshot of the particles, in the charge's order.
+
+Measuring the packing may sort the particles anew. A snapshot is therefore taken after that, all arrays with one
+permutation, and everything in a frame is computed from the snapshot alone: it knows no integrator that could sort.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -8,6 +14,32 @@ from ppmc.solver.implicit import ImplicitIntegrator
 from ppmc.solver.model import Model
 from ppmc.solver.state import ParticleState
 from ppmc.solver.viscosity import viscous_stress
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The particles at one instant.
+
+    Attributes
+    ----------
+    state : ParticleState
+        A copy in the charge's order that can neither be written to nor sorted.
+    packing : ndarray, shape (n,)
+        In the same order.
+    time : float
+        s.
+    """
+
+    state: ParticleState
+    packing: np.ndarray
+    time: float
+
+    @classmethod
+    def take(cls, integrator: ImplicitIntegrator, time: float) -> "Snapshot":
+        """Take one of an integrator's state at `time`, s; the integrator may sort its particles for it."""
+        packing = measure_packing(integrator, time)
+        state = integrator.state
+        return cls(state.in_charge_order(), state.in_original_order(packing), time)
 
 
 def field_names(model: Model) -> tuple[str, ...]:
@@ -21,12 +53,12 @@ def field_names(model: Model) -> tuple[str, ...]:
     return names
 
 
-def frame(integrator: ImplicitIntegrator, time: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Positions (n, 3), mm, and fields of the present state, in the charge's order."""
-    state, model = integrator.state, integrator.model
+def frame(snapshot: Snapshot, model: Model) -> dict[str, np.ndarray]:
+    """Fields of a snapshot, in the charge's order; those of :func:`field_names`."""
+    state = snapshot.state
     normals = None
     if model.material.model in materials.NEEDS_NORMALS:
-        normals = model.walls.nearest_normals(state.position, time)
+        normals = model.walls.nearest_normals(state.position, snapshot.time)
     viscosity = materials.evaluate(model.material, state, normals)
     gradient = state.velocity_gradient
     rate = 0.5 * (gradient + np.swapaxes(gradient, -1, -2))
@@ -36,7 +68,7 @@ def frame(integrator: ImplicitIntegrator, time: float) -> tuple[np.ndarray, dict
         "fibre_direction": state.fibre_direction,
         "deformation_gradient": state.deformation_gradient.reshape(-1, 9),
         "volume_ratio": state.volume_ratio,
-        "packing": measure_packing(integrator, time),
+        "packing": snapshot.packing,
         "velocity": state.velocity,
         "pressure": -model.bulk_modulus * (state.volume_ratio - 1.0),
         "fibre_stress": np.einsum("na,nab,nb->n", state.fibre_direction, stress, state.fibre_direction),
@@ -44,7 +76,7 @@ def frame(integrator: ImplicitIntegrator, time: float) -> tuple[np.ndarray, dict
     }
     if model.settings.transport_normals:
         fields |= _normal_fields(state)
-    return state.in_original_order(state.position), {k: state.in_original_order(v) for k, v in fields.items()}
+    return fields
 
 
 def measure_packing(integrator: ImplicitIntegrator, time: float) -> np.ndarray:

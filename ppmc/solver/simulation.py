@@ -12,7 +12,7 @@ from ppmc.files import Provenance, SeriesWriter, write_state
 from ppmc.progress import Progress
 from ppmc.solver.checkpoint import Checkpoint, load_checkpoint, remove_checkpoints, save_checkpoint
 from ppmc.solver.explicit import ExplicitIntegrator
-from ppmc.solver.frames import field_names, frame
+from ppmc.solver.frames import Snapshot, field_names, frame
 from ppmc.solver.history import History
 from ppmc.solver.implicit import ImplicitIntegrator
 from ppmc.solver.model import Model, StepReport
@@ -190,14 +190,14 @@ class Simulation:
         return total
 
     def _write_frame(self) -> None:
-        positions, fields = frame(self.integrator, self.time)
+        snapshot = Snapshot.take(self.integrator, self.time)
         error = float(np.abs(self.state.volume_ratio - 1.0).mean())
         scalars = {
             "press_force": self._press_force(),
             "mean_volume_ratio_error": error,
             "contacts": float(self.report.contacts),
         }
-        self.writer.append(self.time, positions, fields, scalars)
+        self.writer.append(self.time, snapshot.state.position, frame(snapshot, self.model), scalars)
 
     def _save(self) -> None:
         neighbours = self.integrator.neighbours

@@ -122,12 +122,22 @@ class ParticleState:
 
     def reorder(self, order: np.ndarray) -> None:
         """Permute all arrays."""
-        n = len(self)
         for f in fields(self):
-            values = np.ascontiguousarray(getattr(self, f.name))
-            sorted_values = np.empty((len(order), *values.shape[1:]), values.dtype)
-            _take_rows(values.reshape(n, -1), order, sorted_values.reshape(len(order), -1))
-            setattr(self, f.name, sorted_values)
+            setattr(self, f.name, self._rows(f.name, order))
+
+    def in_charge_order(self) -> ParticleState:
+        """Return a copy with its rows as the charge has them, which nothing can write to."""
+        order = np.argsort(self.original)
+        copy = ParticleState(**{f.name: self._rows(f.name, order) for f in fields(self)})
+        for values in copy.arrays().values():
+            values.flags.writeable = False
+        return copy
+
+    def _rows(self, name: str, order: np.ndarray) -> np.ndarray:
+        values = np.ascontiguousarray(getattr(self, name))
+        out = np.empty((len(order), *values.shape[1:]), values.dtype)
+        _take_rows(values.reshape(len(self), -1), order, out.reshape(len(order), -1))
+        return out
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Return all arrays by name, for a checkpoint."""
