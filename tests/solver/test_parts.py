@@ -101,7 +101,7 @@ def test_packing_is_one_inside_and_against_walls_whatever_the_stretch(stretch):
     pairs = weigh_pairs(build_list(x, 2.7, 0.05, metric, longest), x, 1.3, metric)
     planes = [PlaneTool(shape="plane", point=(0, 0, 0), normal=n) for n in ((0, 0, 1), (1, 0, 0))]
     one, walls = np.ones(len(x)), near_walls(x, dict(enumerate(planes)), 2.6 * longest)
-    found = packing(pairs, x, one, shape, metric, 1.3, one, walls).value.reshape(9, 9, 9)
+    found = packing(pairs, x, one, metric, 1.3, one, walls).value.reshape(9, 9, 9)
     # Up to the floor, the wall and their common edge; free faces lack the half that lies beyond them.
     np.testing.assert_allclose(found[:5, 4, :5], 1.0, atol=1e-3)
     assert found[4, 4, 8] < 0.85
@@ -117,7 +117,7 @@ def test_packing_is_one_around_a_convex_edge_and_in_closed_corners():
         "cavity": BoxTool(shape="box", center=(6, 3, 4), size=(12, 6, 8), inside=True),
         "core": BoxTool(shape="box", center=(1, 3, 8), size=(10, 20, 8)),
     }
-    found = packing(pairs, x, one, shape, shape, 1.3, one, near_walls(x, tools, 2.6)).value
+    found = packing(pairs, x, one, shape, 1.3, one, near_walls(x, tools, 2.6)).value
     np.testing.assert_allclose(found, 1.0, atol=0.01)
 
 
@@ -130,7 +130,7 @@ def test_packing_is_one_over_space_where_particles_stand_in_twins(axes):
     shape, one = np.tile([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], (len(x), 1)), np.ones(len(x))
     pairs = weigh_pairs(build_list(x, 2.7, 0.05), x, 1.3)
     tools = {"cavity": BoxTool(shape="box", center=(6, 6, 6), size=(12, 12, 12), inside=True)}
-    found = packing(pairs, x, one, shape, shape, 1.3, one, near_walls(x, tools, 2.6)).value.reshape(12, 12, 12)
+    found = packing(pairs, x, one, shape, 1.3, one, near_walls(x, tools, 2.6)).value.reshape(12, 12, 12)
     assert found[4:8, 4:8, 4:8].mean() == pytest.approx(1.0, abs=0.01)
 
 
@@ -143,7 +143,7 @@ def test_packing_sees_crowding_whatever_the_disorder():
         pairs = weigh_pairs(build_list(x, 2.7, 0.05), x, 1.3)
         far = near_walls(x, {"far": PlaneTool(shape="plane", point=(0, 0, -9), normal=(0, 0, 1))}, 2.6)
         one = np.ones(len(x))
-        found = packing(pairs, x, one, shape, shape, 1.3, one, far).value
+        found = packing(pairs, x, one, shape, 1.3, one, far).value
         assert found.reshape(12, 12, 12)[inside].mean() == pytest.approx(squeeze**-3, abs=0.03)
 
 
@@ -157,7 +157,7 @@ def test_loose_pockets_are_inside_and_free_surfaces_are_not():
     volumes[np.flatnonzero(pocket)[::2]] = 0.7
     pairs = weigh_pairs(build_list(x, 2.7, 0.05), x, 1.3)
     mould = {"mould": BoxTool(shape="box", center=(7, 7, 17), size=(14, 14, 34), inside=True)}
-    found = packing(pairs, x, volumes, shape, shape, 1.3, np.ones(len(x)), near_walls(x, mould, 2.6))
+    found = packing(pairs, x, volumes, shape, 1.3, np.ones(len(x)), near_walls(x, mould, 2.6))
     core = np.abs(lattice((14, 14, 14)) - 6.0).max(axis=1) < 1.0
     assert found.value[core].max() < 0.93
     within = inside(pairs, found, 1.3)
