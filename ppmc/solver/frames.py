@@ -23,6 +23,7 @@ def field_names(model: Model) -> tuple[str, ...]:
 
 def frame(integrator: ImplicitIntegrator, time: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Positions (n, 3), mm, and fields of the present state, in the charge's order."""
+    packing = measure_packing(integrator, time)  # before all else: it may sort the state
     state, model = integrator.state, integrator.model
     normals = None
     if model.material.model in materials.NEEDS_NORMALS:
@@ -36,7 +37,7 @@ def frame(integrator: ImplicitIntegrator, time: float) -> tuple[np.ndarray, dict
         "fibre_direction": state.fibre_direction,
         "deformation_gradient": state.deformation_gradient.reshape(-1, 9),
         "volume_ratio": state.volume_ratio,
-        "packing": measure_packing(integrator, time),
+        "packing": packing,
         "velocity": state.velocity,
         "pressure": -model.bulk_modulus * (state.volume_ratio - 1.0),
         "fibre_stress": np.einsum("na,nab,nb->n", state.fibre_direction, stress, state.fibre_direction),
