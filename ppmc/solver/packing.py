@@ -6,9 +6,9 @@ is measured from positions alone, so that its drift from the transported J can b
 (:mod:`ppmc.solver.volume_balance`).
 
 Particles stand where material crowds, so that a sum taken at them is too large wherever they stand irregularly, by up
-to a fifth, and each sees itself. What is wanted is the mean over space. The sum is therefore averaged over a sphere about
-the particle, of a radius of nearly a spacing: between particles as often as near them, whether these stand in a lattice,
-in twins or in rows. With :math:`P' = u W(u)`, a neighbour at distance r counts with
+to a fifth, and each sees itself. What is wanted is the mean over space. The sum is therefore averaged over a sphere
+about the particle, of a radius of nearly a spacing: between particles as often as near them, whether these stand in a
+lattice, in twins or in rows. With :math:`P' = u\,W(u)`, a neighbour at distance r counts with
 
 .. math:: \frac12\int_{-1}^1 W\big(\sqrt{r^2 + \rho^2 - 2 r\rho\mu}\big)\,d\mu
    = \frac{P(r + \rho) - P(|r - \rho|)}{2 r \rho} ,
@@ -16,10 +16,10 @@ in twins or in rows. With :math:`P' = u W(u)`, a neighbour at distance r counts 
 a function of the distance alone, so that a charge that is turned reads the same. The sphere sees no farther than the
 particle does; so that nothing depends on who is at the edge of its sight, neighbours fade towards it.
 
-A free surface and a loose pocket inside read alike, but for what is next to them: across half a spacing the sum falls by
-a quarter to four tenths about a particle at a surface, about one in a pocket mostly by less than a tenth. The fall is that
-of the sum's linear part over the same sphere, from the mean that is weighted with :math:`\mu`. Particles are taken for
-inside where none around them is exposed like that (:func:`inside`).
+A free surface and a loose pocket inside read alike, but for what is next to them: across half a spacing the packing
+falls by a quarter to four tenths about a particle at a surface, about one in a pocket mostly by less than a tenth. The
+slope is that over the same sphere, from the mean that is weighted with :math:`\mu`. Particles are taken for inside
+where none around them is exposed like that (:func:`inside`).
 
 The metric is the particle's own, as everywhere (:mod:`ppmc.solver.neighbours`). Beyond a convex edge comes no wall but
 material that is there anyway: a mirror image counts only where it lies in the tool.
@@ -48,8 +48,8 @@ NEXT_TO_NOTHING = 1e-5  # distance, in supports, below which a point counts as t
 FACES_SEEN = 4  # walls about a particle that count: a corner of a narrow gap has so many
 IMAGES = 15  # of a neighbour near four walls: itself, and those behind each, each two and each three of them
 # Radius of the sphere, in spacings, over which the sum is averaged. With it particles in twins, in rows and scattered
-# about a lattice read as in the lattice, to four parts in a thousand; with 0.87 as with the corners of a cell, 1.024 for
-# twins along all axes, with 1.1 0.97.
+# about a lattice read as in the lattice, to a few parts in a thousand. Twins along all three axes would read 1.024 with
+# 0.87, the distance of a cell's corners, and 0.97 with 1.1.
 SAMPLED = 0.97
 INTERIOR = 0.93  # packing above which a particle lies inside the material anyhow
 # At a plane surface a lattice reads 0.73 with a fall of 0.28 in its first row and 0.98 with 0.03 in its second; cut
@@ -316,7 +316,8 @@ def _mean_about(
             m0 += part * slope * d0
             m1 += part * slope * d1
             m2 += part * slope * d2
-    squared = g[0] * m0 * m0 + g[1] * m1 * m1 + g[2] * m2 * m2 + 2.0 * (g[3] * m0 * m1 + g[4] * m1 * m2 + g[5] * m0 * m2)
+    squared = g[0] * m0 * m0 + g[1] * m1 * m1 + g[2] * m2 * m2
+    squared += 2.0 * (g[3] * m0 * m1 + g[4] * m1 * m2 + g[5] * m0 * m2)
     return total, math.sqrt(max(squared, 0.0)) / total
 
 

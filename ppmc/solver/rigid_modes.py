@@ -1,11 +1,11 @@
 r"""Rigid motions that no tool, inertia or drag holds.
 
 Between slip plates a charge can glide and turn freely, in a round cavity it can spin, and each piece of a charge that
-has come apart can do so for itself. Such motions N cost no power, so that the velocity solve is singular: any of them may
-be added to a solution. What is wanted is the limit of vanishing inertia, of a charge that starts each step at rest: with
-masses M, :math:`(\epsilon M + A) v = b` gives :math:`n \cdot M v = 0` for every n in N. That is the solution of least
-kinetic energy, and what a tool imposes it keeps: a charge that is pushed moves with the tool, for a motion against which
-the tool stands is not in N.
+has come apart can do so for itself. Such motions N cost no power, so that the velocity solve is singular: any of them
+may be added to a solution. What is wanted is the limit of vanishing inertia, of a charge that starts each step at rest:
+with masses M, :math:`(\epsilon M + A) v = b` gives :math:`n \cdot M v = 0` for every n in N. That is the solution of
+least kinetic energy. What a tool imposes it keeps: a charge that is pushed moves with the tool, for a motion against
+which the tool stands is not in N.
 
 In the solve itself they are projected out of the preconditioner: a coarse level would amplify their round-off by the
 inverse of nothing.
@@ -93,7 +93,7 @@ class Pieces:
         )  # fmt: skip
 
     def loads(self, vectors: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
-        """Sums of vectors (n, 3) and of their moments, shape (pieces, 6), each particle weighted with `weights` (n,)."""
+        """Sums of vectors (n, 3) and of their moments, shape (pieces, 6), particles weighted with `weights` (n,)."""
         partial, out = np.empty((len(self.chunks), 6)), np.zeros((len(self.centre), 6))
         none = np.empty(0) if weights is None else weights
         _sum_loads(self.positions, self.members, self.chunks, self.owner, self.centre, self.per_length, none, vectors,

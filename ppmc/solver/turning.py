@@ -1,15 +1,15 @@
 r"""Rigid turns in a step of finite length, without the strain that a step along the tangent would make.
 
-A turn moves particles along chords, which are rigid velocities about where the particles are in the *middle* of the step.
-Velocities are solved for at places predicted for it; where the spin changes from step to step, and at the first one
-above all, these are not the middle. Each piece's rigid part is therefore laid about the true one. With the velocity V of
-the piece's centre c, its spin :math:`\Omega`, and what is left of its velocities, v', displacement over time is
+A turn moves particles along chords, which are rigid velocities about where the particles are in the *middle* of the
+step. Velocities are solved for at places predicted for it; where the spin changes from step to step, and at the first
+one above all, these are not the middle. Each piece's rigid part is therefore laid about the true one. With the velocity
+V of the piece's centre c, its spin :math:`\Omega`, and what is left of its velocities, v', displacement over time is
 
 .. math:: u = V + (I - \tfrac12\Delta t\,\Omega)^{-1} [\Omega (x - c) + v'] ,
 
 the solution of :math:`u = V + \Omega(x + \tfrac12\Delta t\,u - c_{1/2}) + v'` with x where the step begins. Alone,
-:math:`\Omega` gives Cayley's rotation: distances and J are kept to round-off at any step. Where the prediction was right,
-u is the velocity itself.
+:math:`\Omega` gives Cayley's rotation: distances and J are kept to round-off at any step. Where the prediction was
+right, u is the velocity itself.
 """
 
 import numpy as np
