@@ -19,8 +19,8 @@ from ppmc.solver.state import ParticleState
 from ppmc.solver.tools import Walls
 
 OVERFULL = 1.05  # charge over closed cavity beyond which the scene is taken for wrong
-# Radius of the columns in which the height of the charge is taken, in spacings: between the distances of lattices, so that
-# no rounding decides what is in; and how many are looked at.
+# Radius of the columns in which the height of the charge is taken, in spacings: between the distances of lattices, so
+# that no rounding decides what is in; and how many are looked at.
 COLUMN, COLUMNS = 0.8, 4096
 # The pressure that turns a charge into a flange is three to four times (R + TURNING) eta23 x closing rate from R = 1 to
 # 1000. With R + 2, as in a squeeze, it is eleven times that at R = 1 and shrinks the charge by a quarter of a per cent.
