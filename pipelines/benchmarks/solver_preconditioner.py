@@ -23,7 +23,7 @@ from ppmc.solver.coarse_grid import CELL, make_grid
 from ppmc.solver.conjugate_gradient import conjugate_gradient
 from ppmc.solver.neighbours import build_list, weigh_pairs
 from ppmc.solver.operator import Operator, assemble
-from ppmc.solver.rigid_modes import free_rigid_modes
+from ppmc.solver.rigid_modes import Pieces, free_rigid_modes
 from ppmc.solver.system import VelocitySystem
 
 Array = NDArray[np.float64]
@@ -63,7 +63,8 @@ def mixed(shape: tuple[int, int, int], ratio: float, seed: int = 0) -> tuple[Vel
     rows, blocks, none = np.flatnonzero(upper | (positions[:, 2] < 1.0)), operator.diagonal(), np.zeros(n)
     drag, free = np.zeros((len(rows), 3, 3)), np.tile(np.diag([1.0, 1.0, 0.0]), (len(rows), 1, 1))
     system = VelocitySystem(operator, none, rows, drag, free, restricted_inverse(blocks, rows, drag, free))
-    system.rigid = free_rigid_modes(positions, none, rows, free, drag, float(blocks[:, :3].mean()))
+    pieces = Pieces.of(pairs, positions, operator.volumes)
+    system.rigid = free_rigid_modes(pieces, 0.0, rows, free, drag, float(blocks[:, :3].mean()))
     return system, start
 
 

@@ -12,7 +12,7 @@ from ppmc.solver.contact import Contacts
 from ppmc.solver.model import Model, StepReport
 from ppmc.solver.neighbours import Pairs
 from ppmc.solver.operator import Operator
-from ppmc.solver.rigid_modes import free_rigid_modes
+from ppmc.solver.rigid_modes import Pieces, free_rigid_modes
 from ppmc.solver.state import ParticleState
 from ppmc.solver.system import VelocitySystem
 from ppmc.solver.tool_loads import held_by_air, held_pressure, wall_drag
@@ -26,7 +26,7 @@ ROUGH_WINDOW, WINDOW = 4, 8  # iterations between estimates of the error
 
 def solve_with_contacts(
     model: Model, state: ParticleState, operator: Operator, contacts: Contacts, time_step: float, report: StepReport,
-    negligible: float,
+    negligible: float, pieces: Pieces,
 ) -> Solution:  # fmt: skip
     """Find the velocities of a step and the faces that touch.
 
@@ -44,6 +44,8 @@ def solve_with_contacts(
         Iterations, passes and errors are added.
     negligible : float
         Speed of the charge, mm/s, below which it is not worth resolving.
+    pieces : Pieces
+        Of the charge, at the operator's positions.
 
     Returns
     -------
@@ -71,14 +73,16 @@ def solve_with_contacts(
         if coarse is None and model.settings.coarse_level:
             coarse = _coarse_grid(model, system, blocks)
         system.coarse = coarse
-        system.rigid = free_rigid_modes(operator.positions, inertia, rows, free, drag, stiffness)
+        system.rigid = free_rigid_modes(pieces, model.density / time_step, rows, free, drag, stiffness)
+        # Without inertia what is free keeps no momentum. It can neither strain the charge nor meet a tool.
+        settle = system.rigid.rest if model.density == 0.0 else np.asarray
         solution = conjugate_gradient(
             system.apply, system.project, system.precondition, right_side,
-            system.feasible(velocities, held), tolerance=rough * model.settings.velocity_tolerance,
+            settle(system.feasible(velocities, held)), tolerance=rough * model.settings.velocity_tolerance,
             max_iterations=model.settings.max_iterations, power_tolerance=rough * model.settings.power_tolerance,
             window=WINDOW if rough == 1.0 else ROUGH_WINDOW, negligible=negligible,
         )  # fmt: skip
-        velocities = solution.velocities
+        velocities = settle(solution.velocities)
         report.iterations += solution.iterations
         report.passes += 1
         report.estimated_error = solution.estimated_error

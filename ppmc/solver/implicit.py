@@ -22,12 +22,14 @@ from ppmc.solver.model import Model, StepReport
 from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, extents, list_is_stale, weigh_pairs
 from ppmc.solver.operator import Operator, assemble
 from ppmc.solver.packing import Packing
+from ppmc.solver.rigid_modes import Pieces
 from ppmc.solver.smoothing import SUPPORT, pair_weight
 from ppmc.solver.state import ParticleState
 from ppmc.solver.time_step import limit_rate
 from ppmc.solver.tool_loads import account
 from ppmc.solver.tools import RATE_MEMORY
 from ppmc.solver.transport import convect_deformation, convect_directions, jeffery_increment
+from ppmc.solver.turning import chords
 from ppmc.solver.volume_balance import correct_volume, measured_packing, reference_packing
 
 SKIN = 0.1  # of the support radius
@@ -178,16 +180,18 @@ class ImplicitIntegrator:
         pushed = model.walls.forced.velocities(dt)
         speed = max(speed, dt * np.linalg.norm(pushed, axis=1).max(initial=0.0))
         reach = 1.3 * float(model.walls.spacing.max()) + 2.0 * float(speed)
-        contacts = model.walls.contacts(state, time, dt, reach)
+        ahead = 0.5 * dt if update else 0.0
+        contacts = model.walls.contacts(state, time, dt, reach, ahead)
         contacts.active |= contacts.gap <= TOUCH * model.spacing
         contacts.active |= contacts.violations(state.velocity[contacts.rows], dt) > TOUCH * model.spacing
         state.wall_layers = contacts.wall_layers(len(state))
-        operator = self.operator(0.5 * dt if update else 0.0, time, dt)
+        operator = self.operator(ahead, time, dt)
+        pieces = Pieces.of(operator.pairs, operator.positions, operator.volumes)
         report = StepReport(time_step=dt)
         self.measured = None  # not needed while the solve holds most
         # Nothing drives what still flows between tools at rest, or before they reach the charge.
         negligible = (RESTING * model.spacing if speed == 0.0 else UNMOVED * float(speed)) / dt
-        solution = solve_with_contacts(model, state, operator, contacts, dt, report, negligible)
+        solution = solve_with_contacts(model, state, operator, contacts, dt, report, negligible, pieces)
         if divisible:
             report.parts = self._parts(operator, solution.velocities, dt)
             if report.parts > 1:
@@ -196,8 +200,8 @@ class ImplicitIntegrator:
         self.remember(contacts)
         model.walls.forced.adjust(report.tool_force, started=update)
         # What the solve held makes room for what the end of the step needs.
-        velocities = solution.velocities
-        del operator, contacts, solution
+        velocities = chords(pieces, solution.velocities, state.position, dt) if update else solution.velocities
+        del operator, contacts, solution, pieces
         if update:
             model.walls.forced.advance(pushed, dt)
             self._advance(velocities, dt)

@@ -129,20 +129,6 @@ def _axes(shape, t, vectors):
     diagonalise(t, vectors)
 
 
-@njit(cache=True)
-def root_shape(shape, t, vectors, out):
-    """Symmetric square root (3, 3) of a shape tensor (6,): it carries the unit sphere to the ellipsoid.
-
-    `t` and `vectors`, (3, 3), are overwritten.
-    """
-    _axes(shape, t, vectors)
-    for a in range(3):
-        for b in range(3):
-            out[a, b] = 0.0
-            for k in range(3):
-                out[a, b] += vectors[a, k] * np.sqrt(t[k, k]) * vectors[b, k]
-
-
 @njit(cache=True, parallel=True)
 def _limited(shape, aspect_limit, fade, out):
     for i in prange(shape.shape[0]):

@@ -64,6 +64,7 @@ class Walls:
         time: float,
         time_step: float,
         reach: float,
+        ahead: float = 0.0,
     ) -> Contacts:
         """Faces within `reach` (mm) of particles, with the gaps to be kept at the end of the step.
 
@@ -74,14 +75,19 @@ class Walls:
             Beginning and length of the step, s.
         reach : float
             Largest distance of a face that can matter in the step, mm.
+        ahead : float
+            Time after the beginning at which faces are sought, where particles and tools will then be, s. On a curved
+            face chords have the normal of their middle: in the half of a step, what slides along it keeps its distance.
         """
         before, after = self.offsets(time), self.offsets(time + time_step)
         wall = (after - before) / time_step
         wall = wall + self.forced.velocities(time_step)
-        rows, tool, phi, normal = faces_near(self.tools.arrays, before, state.position, reach)
+        there = before + ahead * wall
+        rows, tool, phi, normal = faces_near(self.tools.arrays, there, state.position + ahead * state.velocity, reach)
         near = np.maximum(tool, 0)
-        ahead = (2.0 + TREND) * state.smooth_gradient[rows] - (1.0 + TREND) * state.twice_smooth_gradient[rows]
-        increment = np.eye(3) + time_step * ahead
+        phi -= ahead * np.einsum("nkc,nkc->nk", normal, state.velocity[rows][:, None] - wall[near])
+        rates = (2.0 + TREND) * state.smooth_gradient[rows] - (1.0 + TREND) * state.twice_smooth_gradient[rows]
+        increment = np.eye(3) + time_step * rates
         lattice = six(increment @ full(state.lattice_shape[rows]) @ np.swapaxes(increment, -1, -2))
         start = lattice_of(self.spacing)
         width = np.zeros(phi.shape)
@@ -91,7 +97,7 @@ class Walls:
             width[on, k] = half_widths(reference, lattice[on], start, normal[on, k])
         touched = _still_touched(tool, normal, state.contact_tool[rows], state.contact_normal[rows])
         growth = np.linalg.norm(np.einsum("nab,nka->nkb", increment, normal), axis=2)
-        rate = 0.5 * (ahead + np.swapaxes(ahead, -1, -2))
+        rate = 0.5 * (rates + np.swapaxes(rates, -1, -2))
         strain = time_step * np.sqrt(np.einsum("nab,nab->n", rate, rate))
         keeps = (tool >= 0) & (touched | (phi < width))
         width = np.where(keeps, kept_half_widths(width, phi, growth, strain), width)

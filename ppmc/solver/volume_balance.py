@@ -32,7 +32,7 @@ def measured_packing(
     support = SUPPORT * smoothing_length * longest
     near = NearWalls.find(walls.tools.arrays, walls.offsets(time), state.position, support)
     return packing(
-        pairs, state.position, state.volume * state.volume_ratio, state.kernel_shape,
+        pairs, state.position, state.volume * state.volume_ratio,
         state.kernel_shape if inverse_shape is None else inverse_shape,
         smoothing_length, spacing * np.cbrt(state.volume_ratio), near,
     )  # fmt: skip

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ppmc.errors import NumericalError
 from ppmc.geometry.toolset import compile_tools
@@ -19,12 +20,22 @@ from ppmc.solver.kernel_shape import (
     six,
 )
 from ppmc.solver.neighbours import build_list, list_is_stale, weigh_pairs
-from ppmc.solver.packing import NearWalls, inside, packing
+from ppmc.solver.packing import (
+    EXPOSED_FALL,
+    EXPOSED_PACKING,
+    INTERIOR,
+    SAMPLED,
+    NearWalls,
+    Packing,
+    inside,
+    packing,
+)
 from ppmc.solver.reductions import dot
+from ppmc.solver.smoothing import kernel_value
 from ppmc.solver.time_step import event_times, fit_to_times, proposed_step
 from ppmc.solver.transport import compose, convect_deformation, convect_directions, jeffery_increment, small_strain
 
-from .blocks import lattice, wendland_weight
+from .blocks import lattice, stretched, wendland_weight
 
 
 def near_walls(x: np.ndarray, tools: dict, reach: float) -> NearWalls:
@@ -101,7 +112,7 @@ def test_packing_is_one_inside_and_against_walls_whatever_the_stretch(stretch):
     pairs = weigh_pairs(build_list(x, 2.7, 0.05, metric, longest), x, 1.3, metric)
     planes = [PlaneTool(shape="plane", point=(0, 0, 0), normal=n) for n in ((0, 0, 1), (1, 0, 0))]
     one, walls = np.ones(len(x)), near_walls(x, dict(enumerate(planes)), 2.6 * longest)
-    found = packing(pairs, x, one, shape, metric, 1.3, one, walls).value.reshape(9, 9, 9)
+    found = packing(pairs, x, one, metric, 1.3, one, walls).value.reshape(9, 9, 9)
     # Up to the floor, the wall and their common edge; free faces lack the half that lies beyond them.
     np.testing.assert_allclose(found[:5, 4, :5], 1.0, atol=1e-3)
     assert found[4, 4, 8] < 0.85
@@ -117,11 +128,70 @@ def test_packing_is_one_around_a_convex_edge_and_in_closed_corners():
         "cavity": BoxTool(shape="box", center=(6, 3, 4), size=(12, 6, 8), inside=True),
         "core": BoxTool(shape="box", center=(1, 3, 8), size=(10, 20, 8)),
     }
-    found = packing(pairs, x, one, shape, shape, 1.3, one, near_walls(x, tools, 2.6)).value
+    found = packing(pairs, x, one, shape, 1.3, one, near_walls(x, tools, 2.6)).value
     np.testing.assert_allclose(found, 1.0, atol=0.01)
 
 
-@pytest.mark.parametrize("axes", [(2,), (0, 2)])
+SPHERE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+
+
+def packing_at(x: np.ndarray, shape: np.ndarray, volumes: np.ndarray | None = None) -> Packing:
+    """Packing without walls; h = 1.3."""
+    n = len(x)
+    shapes = np.tile(shape, (n, 1))
+    metric, longest = inverse_shape(shapes)
+    pairs = weigh_pairs(build_list(x, 2.7, 0.05, metric, longest), x, 1.3, metric)
+    far = near_walls(x, {"far": PlaneTool(shape="plane", point=(0, 0, -99), normal=(0, 0, 1))}, 2.6)
+    return packing(pairs, x, np.ones(n) if volumes is None else volumes, metric, 1.3, np.ones(n), far)
+
+
+@pytest.mark.parametrize("turn", [(0.0, 0.0, 0.5), (0.4, -0.7, 0.2)])
+def test_packing_and_its_fall_are_the_same_however_a_charge_is_turned(turn):
+    rotation = Rotation.from_rotvec(turn).as_matrix()
+    x, shape = lattice((6, 5, 4), 0.3), full(stretched(1, 3.0, seed=4))
+    here = packing_at(x, six(shape)[0])
+    there = packing_at(x @ rotation.T, six(rotation @ shape @ rotation.T)[0])
+    np.testing.assert_allclose(there.value, here.value, rtol=1e-12)
+    np.testing.assert_allclose(there.fall, here.fall, rtol=1e-10)
+
+
+def test_packing_is_the_mean_of_the_kernel_over_a_sphere_and_its_fall_the_slope_there():
+    # Two particles, one of them without volume: what the other gives at a thousand points, but for its fading.
+    rng, apart = np.random.default_rng(0), np.array([0.7, -0.9, 0.4])
+    points = rng.normal(size=(500, 3))
+    points = np.concatenate([points, -points])
+    points *= SAMPLED / np.linalg.norm(points, axis=1, keepdims=True)
+    # Points spread at random, weighted so that constants and linear fields are exact, and quadratic ones nearly.
+    kernel = [kernel_value(float(d @ d), 1.3) for d in points - apart]
+    lone = packing_at(np.zeros((1, 3)), SPHERE).value[0]
+    both = packing_at(np.array([[0.0, 0.0, 0.0], apart]), SPHERE, np.array([0.0, 1.0]))
+    fading = 1.0 - (apart @ apart / 2.6**2) ** 4
+    at_centre = kernel_value(SAMPLED**2, 1.3) / lone  # the sum over a lattice
+    assert both.value[0] == pytest.approx(fading * np.mean(kernel) / at_centre, rel=0.02)
+    slope = np.linalg.norm(np.mean(np.array(kernel)[:, None] * points, axis=0)) / SAMPLED
+    assert both.fall[0] == pytest.approx(1.5 / SAMPLED * slope / np.mean(kernel), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("normal", "first", "second"),
+    [((1, 0, 0), (0.727, 0.281), (0.977, 0.027)), ((1, 1, 1), (0.630, 0.360), (0.848, 0.155))],
+)
+def test_packing_of_a_lattice_at_a_plane_surface(normal, first, second):
+    # The values that the thresholds were laid between: rows across an axis and across a body diagonal.
+    x = lattice((15, 15, 15)) - 7.5
+    out = np.rint(x @ normal).astype(int)  # numbers of the rows
+    found = packing_at(x[out <= 0], SPHERE)
+    x, out = x[out <= 0], out[out <= 0]
+    for row, (value, fall) in ((0, first), (-1, second)):
+        middle = np.flatnonzero(out == row)[np.argmin(np.linalg.norm(x[out == row], axis=1))]
+        assert found.value[middle] == pytest.approx(value, abs=0.002)
+        assert found.fall[middle] == pytest.approx(fall, abs=0.002)
+        exposed = found.value[middle] < EXPOSED_PACKING and found.fall[middle] > EXPOSED_FALL
+        assert exposed == (row == 0)
+        assert (found.value[middle] > INTERIOR) <= (row < 0)
+
+
+@pytest.mark.parametrize("axes", [(2,), (0, 2), (0, 1, 2)])
 def test_packing_is_one_over_space_where_particles_stand_in_twins(axes):
     # Rows at distances of 0.6 and 1.4 in turn: summed near the particles, they would read up to a tenth too dense.
     x = lattice((12, 12, 12))
@@ -130,8 +200,8 @@ def test_packing_is_one_over_space_where_particles_stand_in_twins(axes):
     shape, one = np.tile([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], (len(x), 1)), np.ones(len(x))
     pairs = weigh_pairs(build_list(x, 2.7, 0.05), x, 1.3)
     tools = {"cavity": BoxTool(shape="box", center=(6, 6, 6), size=(12, 12, 12), inside=True)}
-    found = packing(pairs, x, one, shape, shape, 1.3, one, near_walls(x, tools, 2.6)).value.reshape(12, 12, 12)
-    assert found[4:8, 4:8, 4:8].mean() == pytest.approx(1.0, abs=0.01)
+    found = packing(pairs, x, one, shape, 1.3, one, near_walls(x, tools, 2.6)).value.reshape(12, 12, 12)
+    assert found[4:8, 4:8, 4:8].mean() == pytest.approx(1.0, abs=0.005)
 
 
 def test_packing_sees_crowding_whatever_the_disorder():
@@ -143,7 +213,7 @@ def test_packing_sees_crowding_whatever_the_disorder():
         pairs = weigh_pairs(build_list(x, 2.7, 0.05), x, 1.3)
         far = near_walls(x, {"far": PlaneTool(shape="plane", point=(0, 0, -9), normal=(0, 0, 1))}, 2.6)
         one = np.ones(len(x))
-        found = packing(pairs, x, one, shape, shape, 1.3, one, far).value
+        found = packing(pairs, x, one, shape, 1.3, one, far).value
         assert found.reshape(12, 12, 12)[inside].mean() == pytest.approx(squeeze**-3, abs=0.03)
 
 
@@ -157,7 +227,7 @@ def test_loose_pockets_are_inside_and_free_surfaces_are_not():
     volumes[np.flatnonzero(pocket)[::2]] = 0.7
     pairs = weigh_pairs(build_list(x, 2.7, 0.05), x, 1.3)
     mould = {"mould": BoxTool(shape="box", center=(7, 7, 17), size=(14, 14, 34), inside=True)}
-    found = packing(pairs, x, volumes, shape, shape, 1.3, np.ones(len(x)), near_walls(x, mould, 2.6))
+    found = packing(pairs, x, volumes, shape, 1.3, np.ones(len(x)), near_walls(x, mould, 2.6))
     core = np.abs(lattice((14, 14, 14)) - 6.0).max(axis=1) < 1.0
     assert found.value[core].max() < 0.93
     within = inside(pairs, found, 1.3)

@@ -9,7 +9,7 @@ from ppmc.solver.block_jacobi import multiply_rows, multiply_symmetric, restrict
 from ppmc.solver.coarse_grid import FREE_VALUES, MOST_VALUES, SHIFT, USUAL_CANDIDATES, CoarseGrid, make_grid
 from ppmc.solver.conjugate_gradient import conjugate_gradient
 from ppmc.solver.operator import Operator
-from ppmc.solver.rigid_modes import free_rigid_modes
+from ppmc.solver.rigid_modes import Pieces, free_rigid_modes
 from ppmc.solver.skyline import factorise
 from ppmc.solver.system import VelocitySystem
 
@@ -37,6 +37,10 @@ def held_rows(free: np.ndarray) -> np.ndarray:
     return np.flatnonzero(np.trace(free, axis1=1, axis2=2) < 3.0)
 
 
+def pieces_of(operator: Operator) -> Pieces:
+    return Pieces.of(operator.pairs, operator.positions, operator.volumes)
+
+
 def correction(grid: CoarseGrid, residual: np.ndarray) -> np.ndarray:
     out = np.zeros_like(residual)
     grid.add_correction(residual, out)
@@ -50,7 +54,7 @@ def make_system(operator: Operator, free: np.ndarray, grid: CoarseGrid | None = 
     blocks = operator.diagonal()
     return VelocitySystem(
         operator, none, rows, drag, free, restricted_inverse(blocks, rows, drag, free), grid,
-        free_rigid_modes(operator.positions, none, rows, free, drag, float(blocks[:, :3].mean())),
+        free_rigid_modes(pieces_of(operator), 0.0, rows, free, drag, float(blocks[:, :3].mean())),
     )  # fmt: skip
 
 
@@ -215,8 +219,9 @@ def test_free_rigid_modes_between_slip_plates(held, count):
     for axis in held:
         at = positions[:, axis]
         free[(at < 1.0) | (at > at.max() - 1.0), axis, axis] = 0.0
-    everyone, none = np.arange(n), np.zeros(n)
-    modes = free_rigid_modes(positions, none, everyone, free, hold, 1.0)
+    everyone, operator = np.arange(n), make_operator(positions, unit_vectors(n))
+    pieces = pieces_of(operator)
+    modes = free_rigid_modes(pieces, 0.0, everyone, free, hold, 1.0)
     projection = np.eye(3 * n) - as_matrix(lambda v: modes.remove(v.copy()), n)
     np.testing.assert_allclose(projection, projection.T, atol=1e-12)
     np.testing.assert_allclose(projection @ projection, projection, atol=1e-9)
@@ -224,12 +229,11 @@ def test_free_rigid_modes_between_slip_plates(held, count):
     # Each is rigid, and no tool is in its way.
     motions = projection.reshape(n, 3, 3 * n)
     np.testing.assert_allclose((np.eye(3) - free) @ motions, 0.0, atol=1e-5)
-    operator = make_operator(positions, unit_vectors(n))
     stiffness = np.abs(operator.diagonal()).max()
     for k in range(0, 3 * n, 7):
         assert np.abs(operator.apply(np.ascontiguousarray(motions[..., k]))).max() < 1e-9 * stiffness
-    assert free_rigid_modes(positions, none, everyone, free, hold + np.eye(3), 1.0).motions.shape[1] == 0
-    assert free_rigid_modes(positions, none + 1.0, everyone, free, hold, 1.0).motions.shape[1] == 0
+    assert free_rigid_modes(pieces, 0.0, everyone, free, hold + np.eye(3), 1.0).count == 0
+    assert free_rigid_modes(pieces, 1.0, everyone, free, hold, 1.0).count == 0
 
 
 @pytest.mark.parametrize(
