@@ -9,6 +9,7 @@ from ppmc.solver.block_jacobi import restricted_inverse
 from ppmc.solver.coarse_grid import CELL, CoarseGrid, make_grid
 from ppmc.solver.conjugate_gradient import Solution, conjugate_gradient
 from ppmc.solver.contact import Contacts
+from ppmc.solver.force_error import force_error
 from ppmc.solver.model import Model, StepReport
 from ppmc.solver.neighbours import Pairs
 from ppmc.solver.operator import Operator
@@ -18,6 +19,9 @@ from ppmc.solver.system import VelocitySystem
 from ppmc.solver.tool_loads import held_by_air, held_pressure, wall_drag
 
 RELEASE = 1e-3  # pull, in mean pressing reactions, that releases a contact
+# Error of the mean reaction around a face, in parts of the residual around it, that a pull must exceed: the most seen
+# among some hundred faces.
+DOUBT = 2.0
 NEGLIGIBLE, DEEPEST = 1e-3, 0.01  # penetration in spacings: not worth a pass; worth one beyond those allowed
 SPARE_PASSES = 2  # of such passes
 ROUGH = 10.0  # factor on tolerances while it is open which faces touch
@@ -87,7 +91,7 @@ def solve_with_contacts(
         report.passes += 1
         report.estimated_error = solution.estimated_error
         report.unconverged += not solution.converged
-        added, released, deepest = _changes(model, state, contacts, operator, solution, time_step, attempt < last)
+        added, released, deepest = _changes(model, state, contacts, system, solution, time_step, attempt < last)
         settled = not (added.any() or released.any())
         enough = attempt >= last and (attempt >= last + SPARE_PASSES or deepest < DEEPEST * model.spacing)
         if enough or (settled and rough == 1.0):
@@ -100,8 +104,8 @@ def solve_with_contacts(
 
 
 def _changes(
-    model: Model, state: ParticleState, contacts: Contacts, operator: Operator, solution: Solution, time_step: float,
-    may_release: bool,
+    model: Model, state: ParticleState, contacts: Contacts, system: VelocitySystem, solution: Solution,
+    time_step: float, may_release: bool,
 ) -> tuple[np.ndarray, np.ndarray, float]:  # fmt: skip
     """Faces to add and to release, both (m, 3), and the deepest penetration, mm."""
     pressing, _ = contacts.reactions(-solution.residual[contacts.rows])
@@ -109,19 +113,23 @@ def _changes(
     added, released = depth > NEGLIGIBLE * model.spacing, np.zeros_like(contacts.active)
     # In the last pass nothing is released: a small pull for one step does less harm than a penetration.
     if may_release:
-        released = pulled_off(model, state, contacts, operator.pairs, pressing)
+        pairs, h = system.operator.pairs, model.smoothing_length
+        doubt = DOUBT * force_error(system.project(solution.residual), contacts.rows, pairs, h)
+        released = pulled_off(model, state, contacts, pairs, pressing, doubt[:, None])
     return added, released, float(depth.max(initial=0.0))
 
 
 def pulled_off(
-    model: Model, state: ParticleState, contacts: Contacts, pairs: Pairs, pressing: np.ndarray
-) -> np.ndarray:
+    model: Model, state: ParticleState, contacts: Contacts, pairs: Pairs, pressing: np.ndarray,
+    doubt: np.ndarray | float = 0.0,
+) -> np.ndarray:  # fmt: skip
     """Touched faces (m, 3) that let go: the charge around them pulls by more than the air withstands.
 
-    `pressing`, shape (m, 3), Pa mm^2, are the normal reactions; see :meth:`Contacts.reactions`.
+    `pressing`, shape (m, 3), Pa mm^2, are the normal reactions; see :meth:`Contacts.reactions`. `doubt`, that of a
+    particle or a face, Pa mm^2, is by how much their means may be wrong: a pull within it may be none.
     """
     positive = pressing[pressing > 0.0]
-    limit = np.full(pressing.shape, RELEASE * float(positive.mean()) if len(positive) else 0.0)
+    limit = np.full(pressing.shape, RELEASE * float(positive.mean()) if len(positive) else 0.0) + doubt
     if model.settings.ambient_pressure > 0.0:
         limit += held_by_air(model, state, contacts)
     around = contacts.pressure_around(pressing, pairs, model.smoothing_length)

@@ -34,7 +34,12 @@ from ppmc.solver.volume_balance import correct_volume, measured_packing, referen
 
 SKIN = 0.1  # of the support radius
 LEAST_STRAIN = 1e-3  # of the mean strain of a step: nothing flows below
-STARTS = 3  # solves from rest: only the second and third know how wall layers flatten
+# Solves from rest, the first of which knows nothing of how wall layers flatten, and change of that in parts of itself
+# with which it counts as found.
+MOST_STARTS, SETTLED = 10, 1e-3
+# Share of a change of the flattening that is taken: at first, since two layers need half and more would pull them off,
+# and at least.
+FIRST_SHARE, LEAST_SHARE = 0.5, 0.25
 # Share of the dissipation that tools give, below which the correction of packing, which gives the rest, is curbed.
 LEAST_DRIVEN = 1.0 / 3.0
 EXCEEDED, MOST_PARTS = 2.0, 16  # times its limits that divide a step; parts at once
@@ -116,9 +121,52 @@ class ImplicitIntegrator:
         if self.model.density > 0.0:
             self._solve(time, time_step, update=False)
             return StepReport()
-        for _ in range(STARTS - 1):
-            self._solve(time, time_step, update=False)
-        return self._solve(time, time_step, update=False)
+        return self._start(time, time_step)
+
+    def _start(self, time: float, time_step: float) -> StepReport:
+        """Solve from rest until wall layers flatten as the solve was told they would.
+
+        In N layers whose outer ones flatten faster the N - 1 gaps between close more slowly: if each solve is told what
+        the last one found, that goes up and down, and an error fades by 1 / (N - 1) only. What it answers to a change
+        shows which share of a change to take (Aitken's relaxation, in its form for vectors).
+        """
+        state, spacing, share, last = self.state, self.model.spacing, FIRST_SHARE, None
+        for _ in range(MOST_STARTS):
+            told = state.smooth_gradient
+            report = self._solve(time, time_step, update=False)
+            change = state.smooth_gradient - told
+            found, here = self._flattening(state.smooth_gradient), self._flattening(change)
+            # The noise of single rates is left out: what changes them all is what moves the tools.
+            squares, nothing = float(found @ found), len(found) * (self._negligible(time, time_step) / spacing) ** 2
+            if abs(float(here @ found)) <= SETTLED * squares or squares <= nothing:
+                return report
+            if last is not None:
+                before = self._flattening(last)
+                answer = here - before
+                share *= -float(before @ answer) / max(float(answer @ answer), 1e-300)
+                share = float(np.clip(share, LEAST_SHARE, 1.0))
+            last = change
+            state.smooth_gradient = told + share * change
+            state.twice_smooth_gradient = state.smooth_gradient.copy()
+        report.unconverged += 1
+        return report
+
+    def _flattening(self, gradient: np.ndarray) -> np.ndarray:
+        """Rates, 1/s, at which velocity gradients (n, 3, 3) stretch touched faces' particles along the normals."""
+        touched = self.state.contact_tool >= 0
+        normal = self.state.contact_normal[touched]
+        return np.einsum("fa,fab,fb->f", normal, gradient[np.nonzero(touched)[0]], normal)
+
+    def _travel(self, time: float, dt: float) -> float:
+        """Longest way of a tool in a step, mm."""
+        walls = self.model.walls
+        ways = walls.offsets(time + dt) - walls.offsets(time), dt * walls.forced.velocities(dt)
+        return max(float(np.linalg.norm(way, axis=1).max(initial=0.0)) for way in ways)
+
+    def _negligible(self, time: float, dt: float) -> float:
+        """Speed, mm/s, below which nothing drives what still flows: tools at rest, or on their way to the charge."""
+        travel = self._travel(time, dt)
+        return (RESTING * self.model.spacing if travel == 0.0 else UNMOVED * travel) / dt
 
     def longest_step(self) -> float:
         """Longest step that the method allows, s: any."""
@@ -176,10 +224,8 @@ class ImplicitIntegrator:
 
     def _solve(self, time: float, dt: float, update: bool, divisible: bool = False) -> StepReport:
         state, model = self.state, self.model
-        speed = np.linalg.norm(model.walls.offsets(time + dt) - model.walls.offsets(time), axis=1).max(initial=0.0)
-        pushed = model.walls.forced.velocities(dt)
-        speed = max(speed, dt * np.linalg.norm(pushed, axis=1).max(initial=0.0))
-        reach = 1.3 * float(model.walls.spacing.max()) + 2.0 * float(speed)
+        speed, pushed = self._travel(time, dt), model.walls.forced.velocities(dt)
+        reach = 1.3 * float(model.walls.spacing.max()) + 2.0 * speed
         ahead = 0.5 * dt if update else 0.0
         contacts = model.walls.contacts(state, time, dt, reach, ahead)
         contacts.active |= contacts.gap <= TOUCH * model.spacing
@@ -189,8 +235,7 @@ class ImplicitIntegrator:
         pieces = Pieces.of(operator.pairs, operator.positions, operator.volumes)
         report = StepReport(time_step=dt)
         self.measured = None  # not needed while the solve holds most
-        # Nothing drives what still flows between tools at rest, or before they reach the charge.
-        negligible = (RESTING * model.spacing if speed == 0.0 else UNMOVED * float(speed)) / dt
+        negligible = self._negligible(time, dt)
         solution = solve_with_contacts(model, state, operator, contacts, dt, report, negligible, pieces)
         if divisible:
             report.parts = self._parts(operator, solution.velocities, dt)
