@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ppmc.charge.domain import lattice_of
 from ppmc.charge.drape import flat_sheet
 from ppmc.charge.lattice import Lattice
@@ -28,7 +30,8 @@ def findings(scene: Scene) -> list[str]:
     Raises
     ------
     SceneError
-        If the domain, its spacing or the tools are impossible, or the charge starts inside a tool.
+        If the domain, its spacing or the tools are impossible, or the charge starts inside a tool or has no room at the
+        end.
     InputFileError
         If a surface or a tool's file is no closed surface.
     """
@@ -49,7 +52,10 @@ def findings(scene: Scene) -> list[str]:
     if isinstance(section.orientation, PlateletsOrientation):
         lines += _platelets(section.orientation, lattice)
     if tools is not None and scene.solver is not None:
-        lines.append(charge_balance(tools, seeds, scene.solver.end_time, float(lattice.volumes.sum())).told)
+        spacing = float(np.cbrt(np.prod(lattice.spacing)))
+        balance = charge_balance(tools, seeds, scene.solver.end_time, float(lattice.volumes.sum()), spacing)
+        balance.check_room(scene.solver.bulk_modulus, "charge")
+        lines.append(balance.told)
     return lines
 
 

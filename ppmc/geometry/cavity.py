@@ -11,15 +11,21 @@ from numpy.typing import ArrayLike, NDArray
 from ppmc.compile_cache import njit, prange
 from ppmc.errors import SceneError
 from ppmc.geometry.distance import as_points, distance_bound, tool_distance
+from ppmc.geometry.flood import BLOCK, HALF_DIAGONAL, TAKEN, cell_state, flood, nearest_wall, push_out
+from ppmc.geometry.search_box import search_box
 from ppmc.geometry.toolset import ToolSet
 
 FloatArray = NDArray[np.float64]
 
-MOST_CELLS = 6_000_000
-CELLS_ALONG = 128
-COARSE_CELLS_ALONG = 40
-GROWTHS = 11
-PARTS = 4
+CELLS_A_SPACING = 3
+SPACINGS_ALONG = 40  # where no spacing is given
+PARTS = 3
+# Of a charge pressed thinner than a spacing so much lies where no ball has room; the ball is then halved, so often.
+CRAMPED, HALVINGS = 0.2, 4
+MOST_BLOCKS = 60_000  # 31 million cells
+MOST_TABLE = 40_000_000
+# Cells within so many of the flood may belong to the cavity: the tips of corners of 45 degrees and more.
+NEAR = 4
 
 
 @dataclass(frozen=True)
@@ -29,19 +35,22 @@ class Cavity:
     Attributes
     ----------
     volume : float
-        Its volume, mm^3; if it is open, of the part within `bounds`.
+        Its volume, mm^3; infinite if it is open.
     closed : bool
         Whether tools bound it on all sides.
     bounds : tuple of two ndarrays of shape (3,)
-        Box that was searched, mm.
-    spacing : float
-        Size of the cells, mm; the volume is accurate to about its square.
+        Box around it, mm; if it is open, the box that was searched.
+    clearance : float
+        Clearances narrower than this, mm, were taken as closed.
+    rim : ndarray, shape (n, 3)
+        Places at its edge, a ball's radius from the walls, mm; none if it is open.
     """
 
     volume: float
     closed: bool
     bounds: tuple[FloatArray, FloatArray]
-    spacing: float
+    clearance: float
+    rim: FloatArray
 
 
 def cavity_volume(
@@ -54,9 +63,10 @@ def cavity_volume(
 ) -> Cavity:
     """Return the volume of the free space that contains the seeds.
 
-    Cells wholly free count fully; cells near a wall are divided in 4 x 4 x 4 parts, each filled in proportion to the
-    distances of its middle. The box of the seeds is widened until the free space ends inside it; where it never does,
-    the cavity is open. Tools thinner than 1/40 of the cavity may be overlooked in that.
+    A ball of half a spacing floods it (:mod:`ppmc.geometry.flood`), so that clearances below a spacing are closed,
+    and corners are added to what the ball reaches. Cells where walls meet are divided in 3 x 3 x 3 parts; each is
+    filled in proportion to the distances of its middle, so that the volume is accurate to about a hundredth of a spacing's
+    square along each edge.
 
     Parameters
     ----------
@@ -67,7 +77,8 @@ def cavity_volume(
     time : float
         When, s.
     spacing : float, optional
-        Size of the cells, mm; by default 1/128 of the longest side of the cavity. An open one has coarser cells.
+        The particle spacing, mm; by default 1/40 of the longest side of the seeds' box. Where the charge itself has
+        been pressed thinner than that it is halved, and where the cavity would take too much memory it is doubled.
     offsets : ndarray, shape (tools, 3), optional
         Displacements to use in place of the prescribed ones at `time`, mm.
 
@@ -78,83 +89,119 @@ def cavity_volume(
     """
     points = as_points(seeds)
     shift = tools.offsets(time) if offsets is None else offsets
-    low, high, ends = _bounding_box(tools, points, shift, time)
-    step = float(np.max(high - low)) / CELLS_ALONG if spacing is None else float(spacing)
-    if not ends:
-        # Of a space without end no volume is wanted, and its box is large.
-        step = max(step, float(np.max(high - low)) / COARSE_CELLS_ALONG)
-    step = max(step, float(np.prod(high - low) / MOST_CELLS) ** (1 / 3))
-    low, high = low - step, high + step
-    share, inside = _free_space(tools, points, shift, low, high, step, time)
-    volume = float(np.sum(share, where=inside)) * step**3
-    cells = np.array(share.shape[::-1])
-    return Cavity(volume, not _open_sides(inside).any(), (low, low + step * cells), step)
-
-
-def _bounding_box(
-    tools: ToolSet, points: FloatArray, shift: FloatArray, time: float
-) -> tuple[FloatArray, FloatArray, bool]:
-    """Return a box around the free space and whether that ends in it; found on coarse cells, grown a few times."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    pad = max(0.05 * float(np.max(high - low)), 1.0)
-    low, high = low - pad, high + pad
-    for _ in range(GROWTHS):
-        longest = float(np.max(high - low))
-        step = longest / COARSE_CELLS_ALONG
-        _, inside = _free_space(tools, points, shift, low, high, step, time)
-        sides = _open_sides(inside)
-        if not sides.any():
-            filled = np.argwhere(inside)[:, ::-1]
-            return low + step * (filled.min(axis=0) - 1), low + step * (filled.max(axis=0) + 2), True
-        low, high = low - 0.5 * longest * sides[0], high + 0.5 * longest * sides[1]
-    return low, high, False
-
-
-def _open_sides(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return, shape (2, 3), whether free cells touch the lower and upper end of the box along x, y, z."""
-    ends = [[inside[..., e].any(), inside[:, e].any(), inside[e].any()] for e in (0, -1)]
-    return np.array(ends)
-
-
-def _free_space(
-    tools: ToolSet, points: FloatArray, shift: FloatArray, low: FloatArray, high: FloatArray, step: float, time: float
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the free share of each cell of a box, and the cells joined to the points."""
-    cells = np.maximum(np.ceil((high - low) / step), 1).astype(np.int64)
-    share = _free_share(tools.arrays, shift, low, step, cells)
-    inside = _connected(share, points, low, step)
-    if inside is None:
+    clearance = spacing or max(float(np.max(np.ptp(points, axis=0))), 1.0) / SPACINGS_ALONG
+    room, free = _places_with_room(tools, points, shift, clearance)
+    for _ in range(HALVINGS):
+        if len(room) >= (1.0 - CRAMPED) * free:
+            break
+        clearance *= 0.5
+        room, free = _places_with_room(tools, points, shift, clearance)
+    if len(room) == 0:
         raise SceneError(
             f"tooling: at t = {time:g} s none of {len(points):,} points of the charge lies in free space; "
             "move the charge or the tools"
         )
-    return share, inside
+    while True:
+        low, high = search_box(tools, points, shift, 2.0 * clearance)
+        step = clearance / CELLS_A_SPACING
+        shape = np.ceil((high - low) / (BLOCK * step)).astype(np.int64) + 1
+        # Of the box only what the flood comes to is looked at, but it must be numbered.
+        if np.prod(shape.astype(float)) <= MOST_TABLE:
+            table, state, sides, whole = flood(
+                tools.arrays, shift, low, step, 0.5 * clearance, tuple(int(n) for n in shape), room, MOST_BLOCKS
+            )
+            if whole:
+                break
+        clearance *= 2.0
+        room, _ = _places_with_room(tools, points, shift, clearance)
+    if sides.any():
+        return Cavity(math.inf, False, (low, high), clearance, np.zeros((0, 3)))
+    blocks = _blocks_to_fill(table)
+    rim = _rim(table, state, blocks)
+    near = _near(rim, blocks, table.shape)
+    volumes, lowest, highest = _fill(tools.arrays, shift, low, step, 0.5 * clearance, table, state, blocks, near)
+    bounds = low + step * lowest.min(axis=0), low + step * (highest.max(axis=0) + 1)
+    return Cavity(float(volumes.sum()), True, bounds, clearance, low + step * (rim + 0.5))
 
 
-def _connected(share: FloatArray, points: FloatArray, low: FloatArray, step: float) -> NDArray[np.bool_] | None:
-    """Return the free cells that are joined face to face with a cell that holds a point; None if there is none."""
-    from scipy.ndimage import label
+def _places_with_room(tools: ToolSet, points: FloatArray, shift: FloatArray, width: float) -> tuple[FloatArray, int]:
+    """Return where balls `width` wide about the free points find room, shape (n, 3), and how many points are free."""
+    places, free = _push_all(tools.arrays, shift, 0.5 * width, points)
+    return places[~np.isnan(places[:, 0])], int(free.sum())
 
-    label_of, _ = label(share > 0.0)
-    index = np.floor((points - low) / step).astype(int)
-    # Tools that have moved can leave points of the charge far outside of what is free by now.
-    index = index[np.all((index >= 0) & (index < label_of.shape[::-1]), axis=1)]
-    found = np.unique(label_of[index[:, 2], index[:, 1], index[:, 0]])
-    found = found[found > 0]
-    if len(found) == 0:
-        return None
-    return np.isin(label_of, found)
+
+@njit(parallel=True)
+def _push_all(tools, offsets, radius, points):  # type: ignore[no-untyped-def]
+    """Return where each point, shape (n, 3), is pushed to, NaN where a ball finds no room, and whether it is free."""
+    places = np.full(points.shape, np.nan)
+    free = np.zeros(len(points), dtype=np.bool_)
+    for n in prange(len(points)):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        phi, _, _, _ = nearest_wall(tools, offsets, x, y, z)
+        free[n] = phi > 0.0
+        if free[n]:
+            found, _, x, y, z = push_out(tools, offsets, radius, x, y, z)
+            if found:
+                places[n] = x, y, z
+    return places, free
+
+
+def _blocks_to_fill(table: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return the blocks of the flood and those next to them, shape (n, 3), numbers along x, y, z."""
+    from scipy.ndimage import binary_dilation
+
+    return np.argwhere(binary_dilation(table >= 0, np.ones((3, 3, 3))))[:, ::-1].astype(np.int64)
 
 
 @njit
-def _clearance(tools, offsets, x, y, z):  # type: ignore[no-untyped-def]
-    """Return the least distance over all tools."""
-    best = math.inf
-    for t in range(tools.kind.shape[0]):
-        if distance_bound(tools, t, offsets, x, y, z) < best:
-            d, _, _, _ = tool_distance(tools, t, offsets, x, y, z)
-            best = min(best, d)
-    return best
+def _rim(table, state, blocks):  # type: ignore[no-untyped-def]
+    """Return the flooded cells that have a neighbour which is not, shape (n, 3), numbers along x, y, z."""
+    rim = np.empty((1024, 3), dtype=np.int64)
+    count = 0
+    for n in range(len(blocks)):
+        own = table[blocks[n, 2], blocks[n, 1], blocks[n, 0]]
+        if own < 0:
+            continue
+        for cell in range(BLOCK**3):
+            a, b, c = cell % BLOCK, (cell // BLOCK) % BLOCK, cell // BLOCK**2
+            if state[own, c, b, a] != TAKEN:
+                continue
+            i, j, k = blocks[n, 0] * BLOCK + a, blocks[n, 1] * BLOCK + b, blocks[n, 2] * BLOCK + c
+            if (
+                cell_state(table, state, i - 1, j, k) == TAKEN
+                and cell_state(table, state, i + 1, j, k) == TAKEN
+                and cell_state(table, state, i, j - 1, k) == TAKEN
+                and cell_state(table, state, i, j + 1, k) == TAKEN
+                and cell_state(table, state, i, j, k - 1) == TAKEN
+                and cell_state(table, state, i, j, k + 1) == TAKEN
+            ):
+                continue
+            if count == rim.shape[0]:
+                longer = np.empty((2 * count, 3), dtype=np.int64)
+                longer[:count] = rim
+                rim = longer
+            rim[count, 0], rim[count, 1], rim[count, 2] = i, j, k
+            count += 1
+    return rim[:count]
+
+
+@njit
+def _near(rim, blocks, shape):  # type: ignore[no-untyped-def]
+    """Return for the cells of each block, shape (blocks, 8, 8, 8), whether a cell of the rim is near."""
+    numbers = np.full(shape, -1, dtype=np.int32)
+    for n in range(len(blocks)):
+        numbers[blocks[n, 2], blocks[n, 1], blocks[n, 0]] = n
+    near = np.zeros((len(blocks), BLOCK, BLOCK, BLOCK), dtype=np.bool_)
+    for n in range(len(rim)):
+        for k in range(rim[n, 2] - NEAR, rim[n, 2] + NEAR + 1):
+            for j in range(rim[n, 1] - NEAR, rim[n, 1] + NEAR + 1):
+                for i in range(rim[n, 0] - NEAR, rim[n, 0] + NEAR + 1):
+                    if i < 0 or j < 0 or k < 0:
+                        continue
+                    a, b, c = i // BLOCK, j // BLOCK, k // BLOCK
+                    if a < shape[2] and b < shape[1] and c < shape[0] and numbers[c, b, a] >= 0:
+                        near[numbers[c, b, a], k % BLOCK, j % BLOCK, i % BLOCK] = True
+    return near
 
 
 @njit
@@ -188,14 +235,33 @@ def _part_share(tools, offsets, x, y, z, part):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _cell_share(tools, offsets, x, y, z, step):  # type: ignore[no-untyped-def]
-    """Return the free share of the cell with its middle at x, y, z."""
-    reach = 0.5 * math.sqrt(3.0) * step
-    phi = _clearance(tools, offsets, x, y, z)
-    if phi >= reach:
-        return 1.0
+def _comes_to_flood(tools, offsets, low, step, radius, table, state, x, y, z):  # type: ignore[no-untyped-def]
+    """Return whether a point, pushed from the walls, comes to the flood, and after how many pushes."""
+    found, pushes, x, y, z = push_out(tools, offsets, radius, x, y, z)
+    if found:
+        i = int(math.floor((x - low[0]) / step))
+        j = int(math.floor((y - low[1]) / step))
+        k = int(math.floor((z - low[2]) / step))
+        for c in range(k - 1, k + 2):
+            for b in range(j - 1, j + 2):
+                for a in range(i - 1, i + 2):
+                    if cell_state(table, state, a, b, c) == TAKEN:
+                        return True, pushes
+    return False, pushes
+
+
+@njit
+def _cell_share(tools, offsets, low, step, radius, table, state, i, j, k):  # type: ignore[no-untyped-def]
+    """Return the share of a cell that belongs to the cavity."""
+    x, y, z = low[0] + (i + 0.5) * step, low[1] + (j + 0.5) * step, low[2] + (k + 0.5) * step
+    reach = HALF_DIAGONAL * step
+    phi, _, _, _ = nearest_wall(tools, offsets, x, y, z)
     if not phi > -reach:
         return 0.0
+    joined, pushes = _comes_to_flood(tools, offsets, low, step, radius, table, state, x, y, z)
+    if joined and pushes <= 1:
+        # A ball that rests on one wall above the middle covers the whole cell.
+        return 1.0 if phi >= reach else _part_share(tools, offsets, x, y, z, step)
     part = step / PARTS
     total = 0.0
     for c in range(PARTS):
@@ -204,19 +270,34 @@ def _cell_share(tools, offsets, x, y, z, step):  # type: ignore[no-untyped-def]
                 px = x + (a + 0.5) * part - 0.5 * step
                 py = y + (b + 0.5) * part - 0.5 * step
                 pz = z + (c + 0.5) * part - 0.5 * step
-                total += _part_share(tools, offsets, px, py, pz, part)
+                share = _part_share(tools, offsets, px, py, pz, part)
+                if share > 0.0:
+                    joined, _ = _comes_to_flood(tools, offsets, low, step, radius, table, state, px, py, pz)
+                    if joined:
+                        total += share
     return total / PARTS**3
 
 
 @njit(parallel=True)
-def _free_share(tools, offsets, low, step, cells):  # type: ignore[no-untyped-def]
-    """Return the free share of each cell of a grid, shape (nz, ny, nx)."""
-    share = np.empty((cells[2], cells[1], cells[0]))
-    for k in prange(cells[2]):
-        for j in range(cells[1]):
-            for i in range(cells[0]):
-                x = low[0] + (i + 0.5) * step
-                y = low[1] + (j + 0.5) * step
-                z = low[2] + (k + 0.5) * step
-                share[k, j, i] = _cell_share(tools, offsets, x, y, z, step)
-    return share
+def _fill(tools, offsets, low, step, radius, table, state, blocks, near):  # type: ignore[no-untyped-def]
+    """Return the volume of the cavity in each block, and its first and last cells along x, y, z."""
+    volumes = np.zeros(len(blocks))
+    lowest = np.full((len(blocks), 3), 2.0**31)
+    highest = np.full((len(blocks), 3), -1.0)
+    for n in prange(len(blocks)):
+        total = 0.0
+        for cell in range(BLOCK**3):
+            a, b, c = cell % BLOCK, (cell // BLOCK) % BLOCK, cell // BLOCK**2
+            i, j, k = blocks[n, 0] * BLOCK + a, blocks[n, 1] * BLOCK + b, blocks[n, 2] * BLOCK + c
+            if near[n, c, b, a]:
+                share = _cell_share(tools, offsets, low, step, radius, table, state, i, j, k)
+            else:
+                # The rim of the flood is a ball's radius from all walls, and the cells within are wholly free.
+                share = 1.0 if cell_state(table, state, i, j, k) == TAKEN else 0.0
+            if share > 0.0:
+                total += share
+                lowest[n, 0], highest[n, 0] = min(lowest[n, 0], i), max(highest[n, 0], i)
+                lowest[n, 1], highest[n, 1] = min(lowest[n, 1], j), max(highest[n, 1], j)
+                lowest[n, 2], highest[n, 2] = min(lowest[n, 2], k), max(highest[n, 2], k)
+        volumes[n] = total * step**3
+    return volumes, lowest, highest

@@ -27,6 +27,7 @@ from ppmc.geometry.packed import (
     SLIP,
     ToolArrays,
 )
+from ppmc.geometry.surface import ClosedSurface
 from ppmc.scene.tooling import (
     BoxTool,
     CylinderTool,
@@ -58,6 +59,7 @@ class _Packed:
     grid_origin: FloatArray = field(default_factory=lambda: np.zeros(3))
     grid_spacing: float = 0.0
     grid_values: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, dtype=np.float32))
+    surface: ClosedSurface | None = None
 
 
 @dataclass(frozen=True)
@@ -74,12 +76,15 @@ class ToolSet:
         Prescribed motions.
     tools : tuple of Tool
         The validated descriptions.
+    surfaces : tuple of ClosedSurface or None
+        Of each tool from a file its triangles, in the file's own axes; None for the others.
     """
 
     names: tuple[str, ...]
     arrays: ToolArrays
     motions: ToolMotions
     tools: tuple[Tool, ...]
+    surfaces: tuple[ClosedSurface | None, ...]
 
     def __len__(self) -> int:
         """Return the number of tools."""
@@ -133,7 +138,7 @@ def compile_tools(tooling: Mapping[str, Tool], directory: Path | None = None) ->
     packed = [_pack(tool, name, directory or Path()) for name, tool in tooling.items()]
     tools = list(tooling.values())
     motions = ToolMotions([tool.motion for tool in tools])
-    return ToolSet(tuple(tooling), _join(packed, tools), motions, tuple(tools))
+    return ToolSet(tuple(tooling), _join(packed, tools), motions, tuple(tools), tuple(p.surface for p in packed))
 
 
 def _pack(tool: Tool, name: str, directory: Path) -> _Packed:
@@ -225,6 +230,7 @@ def _pack_mesh(tool: MeshTool, name: str, side: float, directory: Path) -> _Pack
         grid_origin=grid.origin,
         grid_spacing=grid.spacing,
         grid_values=grid.values.ravel(),
+        surface=surface,
     )
 
 

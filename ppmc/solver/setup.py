@@ -18,7 +18,6 @@ from ppmc.solver.model import Model
 from ppmc.solver.state import ParticleState
 from ppmc.solver.tools import Walls
 
-OVERFULL = 1.05  # charge over closed cavity beyond which the scene is taken for wrong
 # Radius of the columns in which the height of the charge is taken, in spacings: between the distances of lattices, so
 # that no rounding decides what is in; and how many are looked at.
 COLUMN, COLUMNS = 0.8, 4096
@@ -70,13 +69,14 @@ def check_room(model: Model, charge: ParticleFile, path: Path) -> None:
     Raises
     ------
     SceneError
-        If the charge is far too large and the scene gives no bulk modulus: no tool can press that away.
+        If the charge is far too large and the scene gives no bulk modulus: no tool can press that away; or if tools
+        overlap at the edge of the cavity.
     """
     settings = model.settings
     volume = float(charge.fields["volume"].sum())
-    balance = charge_balance(model.walls.tools, charge.positions, settings.end_time, volume)
-    if (balance.share or 0.0) > OVERFULL and settings.bulk_modulus is None:
-        raise SceneError(f"{path}: {balance.told}, or give solver.bulk_modulus if it can be compressed")
+    spacing = float(np.cbrt(np.prod(model.walls.spacing)))
+    balance = charge_balance(model.walls.tools, charge.positions, settings.end_time, volume, spacing)
+    balance.check_room(settings.bulk_modulus, str(path))
     if balance.off:
         print(balance.told)
 
