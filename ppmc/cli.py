@@ -61,6 +61,7 @@ def run(
     force: bool = False,
     until: str | None = None,
     only: str | None = None,
+    restart: bool = False,
 ) -> None:
     """Walk the whole chain of a scene; stages whose inputs and section are unchanged are skipped.
 
@@ -71,11 +72,13 @@ def run(
     workdir : Path, optional
         Folder of the results; default runs/<scene name>.
     force : bool
-        Run every stage anew, even if nothing changed.
+        Run every stage anew, even if nothing changed, and replace outputs that ppmc did not write.
     until : str, optional
         Last stage to run: phantom, ct, charge, solve or analyze; default all.
     only : str, optional
         The one stage to run; the files it reads must be there.
+    restart : bool
+        Let an unfinished flow start over; without it a run of another scene is refused.
 
     Examples
     --------
@@ -86,7 +89,7 @@ def run(
     from ppmc.chain import run_chain
     from ppmc.scene import load_scene
 
-    run_chain(load_scene(scene), workdir=workdir, force=force, until=until, only=only)
+    run_chain(load_scene(scene), workdir=workdir, force=force, until=until, only=only, restart=restart)
 
 
 @app.command
@@ -139,13 +142,19 @@ def check(path: Path, /) -> None:
 
 @app.command
 @command
-def schema(*, output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None) -> None:
+def schema(
+    *,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    force: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
     """Print the JSON schema of scenes, with which editors complete and check them.
 
     Parameters
     ----------
     output : Path, optional
         File to write; default standard output.
+    force : bool
+        Replace a file that is no JSON schema.
 
     Examples
     --------
@@ -157,9 +166,9 @@ def schema(*, output: Annotated[Path | None, Parameter(name=["--output", "-o"])]
     if output is None:
         print(text, end="")
         return
-    from ppmc.files.storage import check_output, whole_file
+    from ppmc.files.storage import check_output, is_text_with, whole_file
 
-    check_output(output)
+    check_output(output, is_own=is_text_with(b'"$schema"'), force=force)
     with whole_file(output) as temporary:
         temporary.write_text(text, encoding="utf-8")
 

@@ -73,7 +73,9 @@ class _Held:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
                 self.file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
             except OSError as error:
-                raise StorageError(f"{self.path}: cannot be made ({error.strerror}); name another --output") from None
+                raise StorageError(
+                    f"{self.path.parent}: cannot write here ({error.strerror}); name another --output"
+                ) from None
             try:
                 self._lock()
             except OSError as error:

@@ -5,6 +5,7 @@ from pathlib import Path
 from ppmc.errors import SceneError
 from ppmc.files import Claim, Provenance, check_output, is_product, one_writer, read_particles
 from ppmc.scene import Scene
+from ppmc.scene.depends import of_flow
 
 SECTIONS = ("tooling", "material", "solver")
 
@@ -64,8 +65,9 @@ def run(
     if max_walltime is not None and max_walltime <= 0.0:
         raise SceneError(f"the wall-clock limit must be positive, not {max_walltime} s")
     charge = read_particles(input, "charge")
-    check_output(output, [input, *scene.named_files(*SECTIONS)], is_own=is_product("flow"), force=force)
+    depends = of_flow(scene, input)
+    check_output(output, [*depends.inputs, scene.file], is_own=is_product("flow"), force=force)
     model, state = prepare(scene, charge)
     check_room(model, charge, input)
-    provenance = Provenance.collect("ppmc.solver", scene, SECTIONS, [input, *scene.named_files(*SECTIONS)])
+    provenance = Provenance.of(scene, depends)
     return Simulation(model, state, output, provenance).run(resume, max_walltime)

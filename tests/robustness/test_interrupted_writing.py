@@ -19,6 +19,7 @@ interrupt = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(interrupt)
 
 N, FRAMES = 20, 3
+STRIDE = 7  # prime to the calls of a frame; `make -C pipelines faults` takes them all
 FIELDS = ("fibre_direction", "deformation_gradient", "volume_ratio", "velocity", "pressure")
 
 
@@ -79,7 +80,7 @@ def test_a_fault_at_every_call_loses_at_most_the_frame_in_flight(tmp_path: Path,
     status, calls = interrupt.in_child(lambda: finish(begin(folder), folder), fault, 10**9)
     assert status == 0 and calls > 40
     assert (folder / "flow.vtkhdf").read_bytes() == whole
-    for at in range(1, calls + 1):
+    for at in range(1, calls + 1, STRIDE):
         shutil.rmtree(folder)
         folder.mkdir()
         status, _ = interrupt.in_child(lambda: finish(begin(folder), folder), fault, at)
