@@ -6,8 +6,6 @@ The stages' command modules are light; each imports its stage only when it runs.
 from __future__ import annotations
 
 import json
-import os
-import signal
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,13 +16,13 @@ from ppmc import __version__
 from ppmc.analysis.cli import analyze
 from ppmc.charge.cli import charge
 from ppmc.command import command
+from ppmc.command_end import exit_code_of, left_with
 from ppmc.ct.cli import ct, phantom
-from ppmc.errors import PpmcError
 from ppmc.geometry.parts.cli import part
+from ppmc.interrupts import hold_streams, install
 from ppmc.solver.cli import solve
 
 USAGE_ERROR = 2
-INTERRUPTED = 130
 
 app = App(
     name="ppmc",
@@ -173,29 +171,26 @@ def schema(
         temporary.write_text(text, encoding="utf-8")
 
 
-def main(arguments: list[str] | None = None) -> None:
+def main() -> None:
     """Run the command line and leave with its exit code."""
-    sys.exit(_run(arguments))
+    hold_streams()
+    install()
+    left_with(lambda: run_command(None))
 
 
-def _run(arguments: list[str] | None) -> int:
-    """Return the exit code of a command line."""
+def run_command(arguments: list[str] | None) -> int:
+    """Return the exit code of a command line that nothing stopped."""
     try:
         result: Any = app(arguments, exit_on_error=False, result_action="return_value")
         sys.stdout.flush()
         return result if isinstance(result, int) else 0
     except CycloptsError:
         return USAGE_ERROR  # cyclopts has printed it
-    except PpmcError as error:
-        print(f"ppmc: {error}", file=sys.stderr)
-        return error.exit_code
-    except KeyboardInterrupt:
-        print("ppmc: interrupted; nothing half-written was left", file=sys.stderr)
-        return INTERRUPTED
-    except BrokenPipeError:
-        # The reader of a pipe (head, less) went away: not an error of ours.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 128 + signal.SIGPIPE
+
+
+def _run(arguments: list[str] | None) -> int:
+    """Return the exit code of a command line."""
+    return exit_code_of(lambda: run_command(arguments))
 
 
 if __name__ == "__main__":

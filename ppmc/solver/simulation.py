@@ -78,7 +78,10 @@ class Simulation:
                     self._save()
                     last_save, requests.checkpoint = now, False
                 if requests.interrupted:
-                    raise KeyboardInterrupt
+                    raise KeyboardInterrupt(
+                        f"at t = {self.time:.6g} s, {self.writer.frames} frames and a checkpoint are written; "
+                        "the same command goes on from there"
+                    )
                 if requests.stop or expired:
                     reason = requests.stop or "the wall-clock limit"
                     raise StoppedWithCheckpoint(
