@@ -12,9 +12,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from ppmc import __version__
 from ppmc.errors import InputFileError, SceneError
 from ppmc.scene import RunPaths, Scene, run_paths
+from ppmc.scene.depends import Depends, of_analysis, of_charge, of_ct, of_flow, of_phantom
 
 
 @dataclass(frozen=True)
@@ -25,24 +25,23 @@ class Link:
     ----------
     name : str
         Its command.
-    sections : tuple of str
-        Sections of the scene that decide its output.
-    inputs : tuple of Path
-        Files it reads.
+    depends : Depends
+        What decides its output.
     output : Path
         File it writes.
     start : callable
-        Runs it.
-    seeded : bool
-        Whether the scene's seed decides its output too.
+        Runs it, with the options `force` and `restart`.
     """
 
     name: str
-    sections: tuple[str, ...]
-    inputs: tuple[Path, ...]
+    depends: Depends
     output: Path
-    start: Callable[[], object]
-    seeded: bool = False
+    start: Callable[[bool, bool], object]
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """Files it reads."""
+        return self.depends.inputs
 
 
 def links(scene: Scene, paths: RunPaths) -> Iterator[Link]:
@@ -50,21 +49,18 @@ def links(scene: Scene, paths: RunPaths) -> Iterator[Link]:
     if scene.phantom is not None:
         yield Link(
             "phantom",
-            ("phantom",),
-            (),
+            of_phantom(scene),
             paths.volume,
-            lambda: _stage("ct").make_phantom(scene, paths.volume),
-            seeded=True,
+            lambda force, _: _stage("ct").make_phantom(scene, paths.volume, force=force),
         )
     if scene.ct is not None:
         given = scene.ct.source.path
         volume = scene.locate(given) if given is not None else paths.volume
         yield Link(
             "ct",
-            ("ct",),
-            (volume,),
+            of_ct(scene, volume),
             paths.orientations,
-            lambda: _stage("ct").run(scene, input=volume, output=paths.orientations),
+            lambda force, _: _stage("ct").run(scene, input=volume, output=paths.orientations, force=force),
         )
     if scene.charge is not None:
         from_ct = scene.charge.orientation.source == "ct"
@@ -72,34 +68,32 @@ def links(scene: Scene, paths: RunPaths) -> Iterator[Link]:
         numbers = paths.volume if from_ct and scene.phantom is not None else None
         yield Link(
             "charge",
-            ("charge",),
-            tuple(p for p in (voxels_in, numbers) if p is not None),
+            of_charge(scene, voxels_in, numbers),
             paths.charge,
-            lambda: _stage("charge").run(scene, input=voxels_in, output=paths.charge, volume=numbers),
-            seeded=True,
+            lambda force, _: _stage("charge").run(
+                scene, input=voxels_in, output=paths.charge, volume=numbers, force=force
+            ),
         )
     if scene.solver is not None:
         yield Link(
             "solve",
-            ("tooling", "material", "solver"),
-            (paths.charge,),
+            of_flow(scene, paths.charge),
             paths.flow,
-            lambda: _stage("solver").run(scene, input=paths.charge, output=paths.flow),
+            lambda force, restart: _stage("solver").run(
+                scene, input=paths.charge, output=paths.flow, resume=not (force or restart), force=force
+            ),
         )
     if scene.analysis is not None:
         last = paths.flow if scene.solver is not None else paths.charge if scene.charge is not None else None
         volume_truth = paths.volume if scene.phantom is not None else None
         voxels = paths.orientations if scene.ct is not None else None
         main = last or paths.orientations
-        named = (scene.analysis.mesh, scene.analysis.front.mask)
-        given_files = (scene.locate(section.path) for section in named if section is not None)
         yield Link(
             "analyze",
-            ("analysis",),
-            tuple(p for p in (main, volume_truth, voxels, *given_files) if p is not None),
+            of_analysis(scene, (volume_truth, voxels, main)),
             paths.analysis,
-            lambda: _stage("analysis").run(
-                scene, input=main, output=paths.analysis, volume=volume_truth, orientations=voxels
+            lambda force, _: _stage("analysis").run(
+                scene, input=main, output=paths.analysis, volume=volume_truth, orientations=voxels, force=force
             ),
         )
 
@@ -112,26 +106,27 @@ def _stage(name: str) -> Any:
 def is_current(link: Link, scene: Scene) -> bool:
     """Return whether a stage's output already is what the stage would make.
 
-    That is so if the file is sound and its own record of version, sections, seed and input digests agrees with the
-    present ones.
+    That is so if everything that decides it, files that the scene names included, has the digest that the output
+    notes, and the output itself and what was written with it are still as they were written.
     """
     from ppmc.files import Provenance, file_digest
+    from ppmc.files.describe import verify_file
     from ppmc.files.guard import open_guarded
+    from ppmc.files.text import read_json
 
-    if not link.output.exists():
+    if not link.output.is_file() or not all(path.exists() for path in link.inputs):
         return False
     try:
         with open_guarded(link.output, None) as file:
             origin = Provenance.load(file)
-    except InputFileError:
+            beside = read_json(file["ppmc"], "extra").get("files", {})
+        if origin.key != Provenance.of(scene, link.depends).key:
+            return False
+        verify_file(link.output)
+    except (InputFileError, OSError):
         return False
-    now = scene.resolved()
-    return (
-        origin.ppmc_version == __version__
-        and all(origin.scene.get(s) == now.get(s) for s in link.sections)
-        and (not link.seeded or origin.seed == scene.seed)
-        and all(p.exists() and origin.inputs.get(p.name) == file_digest(p) for p in link.inputs)
-    )
+    folder = link.output.parent
+    return all((folder / name).is_file() and file_digest(folder / name) == noted for name, noted in beside.items())
 
 
 def run_chain(
@@ -141,6 +136,7 @@ def run_chain(
     force: bool = False,
     until: str | None = None,
     only: str | None = None,
+    restart: bool = False,
 ) -> RunPaths:
     """Run every stage that a scene describes, but skip those whose output is current.
 
@@ -156,6 +152,8 @@ def run_chain(
         Name of the last stage to run.
     only : str, optional
         Name of the one stage to run; the files it reads must be there.
+    restart : bool
+        Let an unfinished flow start over instead of going on.
 
     Returns
     -------
@@ -166,7 +164,11 @@ def run_chain(
     ------
     SceneError
         If the scene has no stage, or none of the name asked for.
+    StorageError
+        If another process is running the chain in this folder.
     """
+    from ppmc.files.lock import Claim, locked
+
     paths = run_paths(scene, workdir)
     chain = list(links(scene, paths))
     names = [link.name for link in chain]
@@ -179,16 +181,23 @@ def run_chain(
         chain = [link for link in chain if link.name == only]
     elif until is not None:
         chain = chain[: names.index(until) + 1]
+    # Jobs of a workflow each run one stage, at the same time if they can; a whole chain wants the folder for itself.
+    with locked([Claim(paths.directory / "chain.run", shared=only is not None)]):
+        _walk(chain, scene, force=force, restart=restart, touch=only is not None)
+    return paths
+
+
+def _walk(chain: list[Link], scene: Scene, *, force: bool, restart: bool, touch: bool) -> None:
+    """Run stages one after the other."""
     for link in chain:
         if not force and is_current(link, scene):
             print(f"{link.name}: unchanged, {link.output} is kept", file=sys.stderr)
             # Tools that go by the time of files ask for one stage, and must see that it was looked at.
-            if only is not None:
+            if touch:
                 link.output.touch()
             continue
         print(f"{link.name}: writing {link.output}", file=sys.stderr)
-        link.start()
-    return paths
+        link.start(force, restart)
 
 
 def check_scene(scene: Scene) -> list[str]:

@@ -6,8 +6,6 @@ The stages' command modules are light; each imports its stage only when it runs.
 from __future__ import annotations
 
 import json
-import os
-import signal
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,13 +16,13 @@ from ppmc import __version__
 from ppmc.analysis.cli import analyze
 from ppmc.charge.cli import charge
 from ppmc.command import command
+from ppmc.command_end import exit_code_of, left_with
 from ppmc.ct.cli import ct, phantom
-from ppmc.errors import PpmcError
 from ppmc.geometry.parts.cli import part
+from ppmc.interrupts import hold_streams, install
 from ppmc.solver.cli import solve
 
 USAGE_ERROR = 2
-INTERRUPTED = 130
 
 app = App(
     name="ppmc",
@@ -61,6 +59,7 @@ def run(
     force: bool = False,
     until: str | None = None,
     only: str | None = None,
+    restart: bool = False,
 ) -> None:
     """Walk the whole chain of a scene; stages whose inputs and section are unchanged are skipped.
 
@@ -71,11 +70,13 @@ def run(
     workdir : Path, optional
         Folder of the results; default runs/<scene name>.
     force : bool
-        Run every stage anew, even if nothing changed.
+        Run every stage anew, even if nothing changed, and replace outputs that ppmc did not write.
     until : str, optional
         Last stage to run: phantom, ct, charge, solve or analyze; default all.
     only : str, optional
         The one stage to run; the files it reads must be there.
+    restart : bool
+        Let an unfinished flow start over; without it a run of another scene is refused.
 
     Examples
     --------
@@ -86,7 +87,7 @@ def run(
     from ppmc.chain import run_chain
     from ppmc.scene import load_scene
 
-    run_chain(load_scene(scene), workdir=workdir, force=force, until=until, only=only)
+    run_chain(load_scene(scene), workdir=workdir, force=force, until=until, only=only, restart=restart)
 
 
 @app.command
@@ -139,13 +140,19 @@ def check(path: Path, /) -> None:
 
 @app.command
 @command
-def schema(*, output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None) -> None:
+def schema(
+    *,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    force: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
     """Print the JSON schema of scenes, with which editors complete and check them.
 
     Parameters
     ----------
     output : Path, optional
         File to write; default standard output.
+    force : bool
+        Replace a file that is no JSON schema.
 
     Examples
     --------
@@ -157,36 +164,33 @@ def schema(*, output: Annotated[Path | None, Parameter(name=["--output", "-o"])]
     if output is None:
         print(text, end="")
         return
-    from ppmc.files.storage import check_output, whole_file
+    from ppmc.files.storage import check_output, is_text_with, whole_file
 
-    check_output(output)
+    check_output(output, is_own=is_text_with(b'"$schema"'), force=force)
     with whole_file(output) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
-def main(arguments: list[str] | None = None) -> None:
+def main() -> None:
     """Run the command line and leave with its exit code."""
-    sys.exit(_run(arguments))
+    hold_streams()
+    install()
+    left_with(lambda: run_command(None))
 
 
-def _run(arguments: list[str] | None) -> int:
-    """Return the exit code of a command line."""
+def run_command(arguments: list[str] | None) -> int:
+    """Return the exit code of a command line that nothing stopped."""
     try:
         result: Any = app(arguments, exit_on_error=False, result_action="return_value")
         sys.stdout.flush()
         return result if isinstance(result, int) else 0
     except CycloptsError:
         return USAGE_ERROR  # cyclopts has printed it
-    except PpmcError as error:
-        print(f"ppmc: {error}", file=sys.stderr)
-        return error.exit_code
-    except KeyboardInterrupt:
-        print("ppmc: interrupted; nothing half-written was left", file=sys.stderr)
-        return INTERRUPTED
-    except BrokenPipeError:
-        # The reader of a pipe (head, less) went away: not an error of ours.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 128 + signal.SIGPIPE
+
+
+def _run(arguments: list[str] | None) -> int:
+    """Return the exit code of a command line."""
+    return exit_code_of(lambda: run_command(arguments))
 
 
 if __name__ == "__main__":

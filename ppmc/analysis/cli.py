@@ -23,6 +23,7 @@ def analyze(
     moulded: Path | None = None,
     compare: Annotated[list[Path] | None, Parameter(negative="")] = None,
     seeds: Annotated[list[Path] | None, Parameter(negative="")] = None,
+    force: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Average A and N over regions and paths, draw figures, and write one self-contained report.
 
@@ -49,6 +50,8 @@ def analyze(
         Flows of other runs, overlaid and compared with the input; repeat the option for more.
     seeds : list of Path, optional
         Flows of the same case with other seeds, joined with the input into mean and spread; repeat for more.
+    force : bool
+        Replace an output, or a report beside it, that ppmc did not write.
 
     Examples
     --------
@@ -83,6 +86,7 @@ def analyze(
         moulded=moulded,
         compare=compare or (),
         seeds=seeds or (),
+        force=force,
     )
     print(f"{written}\n{written.parent / 'report.html'}")
 

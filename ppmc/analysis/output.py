@@ -33,7 +33,7 @@ from ppmc.analysis.tables import (
     to_json_ready,
     truth_table,
 )
-from ppmc.files import Provenance, SeriesWriter, whole_file
+from ppmc.files import Provenance, SeriesWriter, file_digest, growing_folder, whole_file
 from ppmc.orientation import to_six
 
 if TYPE_CHECKING:
@@ -61,18 +61,24 @@ def write_results(
         If a file cannot be written.
     """
     folder = output.parent
+    names = ["analysis.json", "report.html"]
     tables = result_tables(results)
     for name, table in tables.items():
         _write_text(folder / "tables" / f"{name}.csv", table.to_csv(index=False, float_format="%.9g"))
+        names.append(f"tables/{name}.csv")
     for name, picture in zip(file_names([picture.name for picture in pictures]), pictures, strict=True):
         _write_bytes(folder / "figures" / f"{name}.{picture.kind}", picture.image)
+        names.append(f"figures/{name}.{picture.kind}")
     for label, mesh in (mapped or {}).items():
         name = "mapped" if label == "input" else file_names([f"mapped_{label}"])[0]
         write_mapped(mesh, folder, name, section.mesh.formats if section.mesh is not None else ())
         elements = element_table(mesh).to_csv(index=False, float_format="%.9g")
         _write_text(folder / "tables" / f"{name}_elements.csv", elements)
+        made = [path.name for path in folder.glob(f"{name}[._]*") if path.is_file()]
+        names += [*made, f"tables/{name}_elements.csv"]
     if section.interactive and results.frames:
         _write_scene_page(scene, section, results, folder)
+        names.append("scene.html")
     summary = {
         "scene": scene.name,
         "key": own.key,
@@ -83,7 +89,12 @@ def write_results(
     title = f"ppmc analysis: {scene.name}"
     page = write_report(title, scene.description, results, pictures, inputs, own, mapped)
     _write_text(folder / "report.html", page)
-    _write_series(results, own, output)
+    _write_series(results, own, output, _digests(folder, names))
+
+
+def _digests(folder: Path, names: Sequence[str]) -> dict[str, str]:
+    """Return the digests of what was written beside the analysis file, so that damage to it is noticed."""
+    return {name: file_digest(folder / name) for name in sorted(set(names))}
 
 
 def file_names(names: Sequence[str]) -> list[str]:
@@ -159,7 +170,7 @@ def _write_scene_page(scene: Scene, section: AnalysisSection, results: Results, 
     _write_text(folder / "scene.html", page)
 
 
-def _write_series(results: Results, own: Provenance, output: Path) -> None:
+def _write_series(results: Results, own: Provenance, output: Path, beside: Mapping[str, str]) -> None:
     """Write the input's tensors over regions and paths, a frame a time step, as points at the regions' centres."""
     # A local path has the regions of the path it was made from; the file keeps tool axes and so holds them once.
     kept = [k for k, path in enumerate(results.paths) if path.components != COMPONENTS]
@@ -168,10 +179,11 @@ def _write_series(results: Results, own: Provenance, output: Path) -> None:
         "fibre_tensor", "normal_tensor", "principal_fibre_direction", "principal_normal_direction",
         "particle_count", "region_volume",
     )  # fmt: skip
-    partial = output.with_name(f"{output.stem}.partial{output.suffix}")
     static = {"region_id": np.arange(len(regions), dtype=np.int32)}
+    writer = SeriesWriter.create(
+        growing_folder(output), len(regions), static, fields, (), provenance=own, product="analysis"
+    )
     try:
-        writer = SeriesWriter.create(partial, len(regions), static, fields, (), provenance=own, product="analysis")
         for entry in results.frames:
             averages = (entry.regions, *(entry.paths[k] for k in kept))
             centroid = np.concatenate([a.centroid for a in averages])
@@ -192,9 +204,10 @@ def _write_series(results: Results, own: Provenance, output: Path) -> None:
                 },
             )
         names = [region.name for region in regions]
-        writer.seal(output, extra={"region_names": names, "region_descriptions": [r.describe() for r in regions]})
+        described = {"region_names": names, "region_descriptions": [r.describe() for r in regions]}
+        writer.seal(output, extra={**described, "files": dict(beside)})
     finally:
-        partial.unlink(missing_ok=True)  # gone already if it was sealed
+        writer.remove()  # gone already if it was sealed
 
 
 def principal_directions(tensor: np.ndarray) -> np.ndarray:

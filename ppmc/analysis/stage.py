@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ppmc.analysis.compare import compare_with_truth
 from ppmc.analysis.curves import draw_curves
@@ -18,16 +18,37 @@ from ppmc.analysis.pictures import draw_views
 from ppmc.analysis.report import InputFile
 from ppmc.analysis.structural import map_mesh
 from ppmc.errors import InputFileError, SceneError
-from ppmc.files import Provenance, SeriesFile, check_output, open_series, read_particles, read_voxels
+from ppmc.files import (
+    Claim,
+    Provenance,
+    SeriesFile,
+    check_output,
+    is_product,
+    one_writer,
+    open_series,
+    read_particles,
+    read_voxels,
+)
 from ppmc.files.guard import product_of
+from ppmc.files.storage import is_text_with
 from ppmc.progress import Progress
+from ppmc.scene.depends import of_analysis
 
 if TYPE_CHECKING:
     from ppmc.scene import Scene
 
 KINDS = ("flow", "charge", "orientations")
+# What is written beside the output under names of its own, and what stands near its start.
+TEXTS = {"report.html": b"ppmc analysis", "analysis.json": b'"scene": ', "scene.html": b"ppmc"}
 
 
+def _claims(given: Mapping[str, Any]) -> list[Claim]:
+    """Return what an analysis writes: its file, and the report, tables and figures of the folder."""
+    output = Path(given["output"])
+    return [Claim(output), Claim(output.with_name("report.html"))]
+
+
+@one_writer(_claims)
 def run(
     scene: Scene,
     *,
@@ -39,6 +60,7 @@ def run(
     moulded: Path | None = None,
     compare: Sequence[Path] = (),
     seeds: Sequence[Path] = (),
+    force: bool = False,
 ) -> Path:
     """Analyse a flow, a charge or an orientations file, beside its forerunners and other runs where they are given.
 
@@ -60,6 +82,8 @@ def run(
         Flows of other runs, overlaid and compared with the input.
     seeds : sequence of Path
         Flows of the same case with other seeds, joined with the input into mean and spread.
+    force : bool
+        Replace an output, or a report, that ppmc did not write.
 
     Returns
     -------
@@ -89,9 +113,10 @@ def run(
     mask_path = scene.locate(mask.path) if mask is not None else None
     if mask_path is not None and product != "flow":
         raise SceneError(f"{input}: analysis.front.mask needs a flow to compare with, this file holds '{product}'")
-    others = [path for path in (moulded, mesh_path, mask_path) if path is not None]
-    given = [*named.values(), *compare, *seeds, *others]
-    check_output(output, given)
+    depends = of_analysis(scene, [*named.values(), *compare, *seeds, moulded])
+    check_output(output, [*depends.inputs, scene.file], is_own=is_product("analysis"), force=force)
+    for name, mark in TEXTS.items():
+        check_output(output.with_name(name), depends.inputs, is_own=is_text_with(mark), force=force)
     mesh = read_mesh(mesh_path, section.mesh.scale) if mesh_path is not None and section.mesh is not None else None
     with ExitStack() as stack, Progress("analysis", total=6, unit="parts") as bar:
         opened = _open(stack, product, named, compare, seeds)
@@ -126,13 +151,14 @@ def run(
         bar.update(4, "views")
         pictures = draw_curves(results) + pictures
         bar.update(5, "curves")
-        own = Provenance.collect("ppmc.analysis", scene=scene, sections=("analysis",), inputs=given)
+        own = Provenance.of(scene, depends)
         kinds = [*named, *["compare"] * len(compare), *["seed"] * len(seeds)]
         origins = [getattr(opened, name).provenance for name in named]
         origins += [file.provenance for _, file in (*opened.compare, *opened.seeds)]
         if opened.moulded is not None:
             kinds, origins = [*kinds, "moulded"], [*origins, opened.moulded.provenance]
-        kinds += ["mesh"] * (mesh_path is not None) + ["mask"] * (mask_path is not None)
+        roles = {mesh_path: "mesh", mask_path: "mask"}
+        kinds += [roles.get(path, "tool") for path in depends.inputs[len(kinds) :]]
         inputs = [
             InputFile(name, kind, digest, origin)
             for (name, digest), kind, origin in zip_longest(own.inputs.items(), kinds, origins)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from ppmc.command import command
 
@@ -17,6 +20,7 @@ def charge(
     volume: Path | None = None,
     export: list[Path] | None = None,
     pictures: Path | None = None,
+    force: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Fill the charge's domain with particles and give each its fibre direction and platelet normal.
 
@@ -38,6 +42,8 @@ def charge(
         Further file for other programs: .csv, .npz, .vtu or Abaqus .inp; may be given several times.
     pictures : Path, optional
         Folder for pictures of the charge: top view, cuts with the tools, view in the tool.
+    force : bool
+        Replace outputs that ppmc did not write.
 
     Examples
     --------
@@ -58,10 +64,10 @@ def charge(
     section = loaded.require("charge")
     if input is None and section.orientation.source == "ct":
         input = paths.orientations
-    written = run(loaded, input=input, output=output or paths.charge, volume=volume)
+    written = run(loaded, input=input, output=output or paths.charge, volume=volume, force=force)
     print("\n".join(lines(written)))
     for path in export or []:
-        print(f"  exported {export_charge(written, path)}")
+        print(f"  exported {export_charge(written, path, force=force)}")
     if pictures is not None:
         for picture in draw(loaded, written, pictures):
             print(f"  drew {picture}")

@@ -12,7 +12,7 @@ import numpy as np
 
 from ppmc.charge.domain import lattice_of
 from ppmc.charge.drape import drape, flat_sheet, turned
-from ppmc.charge.exchange import read_points, writer_of
+from ppmc.charge.exchange import EXPORTED, read_points, writer_of
 from ppmc.charge.exchange.points import OrientedPoints
 from ppmc.charge.frames import Frames
 from ppmc.charge.from_ct import frames_from_ct
@@ -22,7 +22,18 @@ from ppmc.charge.orient import frames_of
 from ppmc.charge.pictures import View, draw_cut, draw_in_tool, draw_top_view, space_of
 from ppmc.charge.surface_normals import distance_of, local_frames, regional_frames
 from ppmc.errors import InputFileError, SceneError
-from ppmc.files import Provenance, check_output, read_particles, read_voxels, whole_file, write_particles
+from ppmc.files import (
+    Claim,
+    Provenance,
+    check_output,
+    is_product,
+    one_writer,
+    read_particles,
+    read_voxels,
+    whole_file,
+    write_particles,
+)
+from ppmc.files.storage import is_text_with
 from ppmc.geometry.toolset import compile_tools
 from ppmc.orientation import orientation_tensor, to_six
 from ppmc.scene import Scene
@@ -34,12 +45,16 @@ from ppmc.scene.charge import (
     LocalOrientation,
     RegionalOrientation,
 )
+from ppmc.scene.depends import of_charge
 
 # Second key of the random generator, so that stages that share the scene's seed draw different numbers.
 STAGE_NUMBER = 3
 
 
-def run(scene: Scene, *, input: Path | None = None, output: Path, volume: Path | None = None) -> Path:
+@one_writer(lambda given: [Claim(given["output"])])
+def run(
+    scene: Scene, *, input: Path | None = None, output: Path, volume: Path | None = None, force: bool = False
+) -> Path:
     """Fill the charge's domain with particles and write them.
 
     Parameters
@@ -52,6 +67,8 @@ def run(scene: Scene, *, input: Path | None = None, output: Path, volume: Path |
         Charge file to write.
     volume : Path, optional
         Volume file with true platelet ids (a phantom's), instead of the scene's ``charge.orientation.platelet_ids``.
+    force : bool
+        Replace an output that is no charge of ppmc.
 
     Returns
     -------
@@ -70,14 +87,12 @@ def run(scene: Scene, *, input: Path | None = None, output: Path, volume: Path |
     """
     section: ChargeSection = scene.require("charge")
     inputs = _inputs(scene, section, input, volume)
-    check_output(output, inputs)
+    depends = of_charge(scene, input, volume)
+    check_output(output, [*depends.inputs, scene.file], is_own=is_product("charge"), force=force)
     generator = np.random.default_rng([scene.seed, STAGE_NUMBER])
     # The digest of a large CT file takes longer than the map from it.
     with ThreadPoolExecutor(1) as beside:
-        provenance = beside.submit(
-            Provenance.collect,
-            creator="ppmc.charge", scene=scene, sections=_sections(section), inputs=inputs, seed=scene.seed,
-        )  # fmt: skip
+        provenance = beside.submit(Provenance.of, scene, depends)
         if isinstance(section.domain, DrapedDomain):
             lattice, frames = _draped(scene, section, section.domain, generator, inputs)
         else:
@@ -88,12 +103,6 @@ def run(scene: Scene, *, input: Path | None = None, output: Path, volume: Path |
         extra=summary(lattice, frames),
     )  # fmt: skip
     return output
-
-
-def _sections(section: ChargeSection) -> tuple[str, ...]:
-    """Return the sections of the scene that decide the charge: the tools too, if it is laid on one."""
-    on_tool = isinstance(section.domain, DrapedDomain) or isinstance(section.orientation, LocalOrientation)
-    return ("charge", "tooling") if on_tool else ("charge",)
 
 
 def _draped(
@@ -114,7 +123,7 @@ def _draped(
     return lattice, turned(_frames(scene, section, sheet, generator, inputs), draped)
 
 
-def export(charge: Path, output: Path) -> Path:
+def export(charge: Path, output: Path, *, force: bool = False) -> Path:
     """Write the particles of a charge file for another program; the ending chooses the format.
 
     Parameters
@@ -123,6 +132,8 @@ def export(charge: Path, output: Path) -> Path:
         Charge file.
     output : Path
         CSV, NPZ, VTU or Abaqus .inp file to write.
+    force : bool
+        Replace a file that was not exported by ppmc.
 
     Raises
     ------
@@ -134,7 +145,7 @@ def export(charge: Path, output: Path) -> Path:
         If the output cannot be written.
     """
     write = writer_of(output)
-    check_output(output, [charge])
+    check_output(output, [charge], is_own=is_text_with(EXPORTED[output.suffix.lower()]), force=force)
     particles = read_particles(charge, "charge")
     fields = particles.fields
     points = OrientedPoints(

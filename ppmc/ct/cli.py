@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from ppmc.command import command
 
@@ -18,6 +21,7 @@ def ct(
     part: str | None = None,
     figures: Path | None = None,
     suggest: bool = False,
+    force: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Find fibre direction p, platelet normal r and their certainty at every voxel of a CT volume.
 
@@ -43,6 +47,8 @@ def ct(
         Folder for pictures of the result: sections, angles, pole figures, tensors through the thickness, glyphs.
     suggest : bool
         Only look at the volume and print sigma, windows and noise level that suit it, as a section for the scene.
+    force : bool
+        Replace an output that holds no orientations of ppmc.
 
     Examples
     --------
@@ -64,7 +70,9 @@ def ct(
         print("\n".join(stage.suggest(loaded, input=input)))
         return
     share = share_of(part) if part else None
-    written = stage.run(loaded, input=input, output=output or paths.orientations, resume=resume, part=share)
+    written = stage.run(
+        loaded, input=input, output=output or paths.orientations, resume=resume, part=share, force=force
+    )
     print(written)
     if figures is not None and share is None:
         from ppmc.ct.figures import draw
@@ -87,7 +95,9 @@ def share_of(text: str) -> tuple[int, int]:
 
 
 @command
-def phantom(scene: Path, /, *, output: Path | None = None) -> None:
+def phantom(
+    scene: Path, /, *, output: Path | None = None, force: Annotated[bool, Parameter(negative="")] = False
+) -> None:
     """Make a synthetic CT volume of a platelet preform, with its true p, r and platelet ids in the same file.
 
     Parameters
@@ -96,6 +106,8 @@ def phantom(scene: Path, /, *, output: Path | None = None) -> None:
         Scene file with a section `phantom`; its `seed` decides every random draw.
     output : Path, optional
         Volume file to write; default runs/<name>/volume.vtkhdf.
+    force : bool
+        Replace an output that is no volume of ppmc.
 
     Examples
     --------
@@ -106,4 +118,4 @@ def phantom(scene: Path, /, *, output: Path | None = None) -> None:
     from ppmc.scene.paths import run_paths
 
     loaded = load_scene(scene)
-    print(make_phantom(loaded, output or run_paths(loaded).volume))
+    print(make_phantom(loaded, output or run_paths(loaded).volume, force=force))

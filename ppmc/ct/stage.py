@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -24,9 +24,10 @@ from ppmc.ct.source import Volume, open_volume
 from ppmc.ct.suggest import advise
 from ppmc.ct.tiles import MIB, Tiling, tiling
 from ppmc.errors import InputFileError, SceneError
-from ppmc.files import FIELDS, Provenance, VoxelGrid, VoxelWriter, check_output
+from ppmc.files import FIELDS, Claim, Provenance, VoxelGrid, VoxelWriter, check_output, is_product, one_writer
 from ppmc.progress import Progress
 from ppmc.scene.ct import VolumeSource
+from ppmc.scene.depends import of_ct, of_phantom
 
 if TYPE_CHECKING:
     from ppmc.scene import Scene
@@ -37,7 +38,8 @@ JOB_THREADS = 4
 """Threads for which work that may go on elsewhere is cut, unless the scene says: all machines must cut it alike."""
 
 
-def make_phantom(scene: Scene, output: Path) -> Path:
+@one_writer(lambda given: [Claim(given["output"])])
+def make_phantom(scene: Scene, output: Path, *, force: bool = False) -> Path:
     """Write the synthetic CT volume of a scene, with its true orientations.
 
     Parameters
@@ -46,6 +48,8 @@ def make_phantom(scene: Scene, output: Path) -> Path:
         Scene with a section ``phantom``; its ``seed`` decides every random draw.
     output : Path
         Volume file to write: grey, mask, fibre_direction, platelet_normal, platelet_id.
+    force : bool
+        Replace an output that is no volume of ppmc.
 
     Returns
     -------
@@ -60,9 +64,9 @@ def make_phantom(scene: Scene, output: Path) -> Path:
         If the file cannot be written.
     """
     section = scene.require("phantom")
-    check_output(output, [])
+    check_output(output, [scene.file], is_own=is_product("volume"), force=force)
     phantom = Phantom(section, scene.seed)
-    provenance = Provenance.collect("ppmc.ct", scene, ("phantom",), seed=scene.seed)
+    provenance = Provenance.of(scene, of_phantom(scene))
     names = [field.name for field in FIELDS["volume"]]
     planes = phantom.grid.shape[0]
     with (
@@ -78,6 +82,16 @@ def make_phantom(scene: Scene, output: Path) -> Path:
     return output
 
 
+def _claims(given: Mapping[str, Any]) -> list[Claim]:
+    """Return what a run writes: a share of the tiles, beside others, or the whole file, alone."""
+    output, part = Path(given["output"]), given["part"]
+    if part is None:
+        return [Claim(output)]
+    share = output.with_name(f"{output.stem}.part-{part[0]}-of-{part[1]}")
+    return [Claim(output, shared=True), Claim(share)]
+
+
+@one_writer(_claims)
 def run(
     scene: Scene,
     *,
@@ -85,6 +99,7 @@ def run(
     output: Path,
     resume: bool = False,
     part: tuple[int, int] | None = None,
+    force: bool = False,
 ) -> Path:
     """Find fibre directions and platelet normals in a CT volume.
 
@@ -101,6 +116,8 @@ def run(
     part : tuple of int, optional
         (i, n): compute only the i-th (from 1) of n shares of the tiles, and leave them in that folder; a later call
         with ``resume`` gathers them. For shares on several machines.
+    force : bool
+        Replace an output that holds no orientations of ppmc.
 
     Returns
     -------
@@ -119,7 +136,8 @@ def run(
     section = scene.require("ct")
     path = volume_path(scene, input)
     mask_path = scene.locate(section.mask.path) if section.mask is not None and section.mask.path else None
-    check_output(output, [path, *([mask_path] if mask_path else [])])
+    depends = of_ct(scene, path)
+    check_output(output, [*depends.inputs, scene.file], is_own=is_product("orientations"), force=force)
     with opened(scene, path, mask_path) as volume:
         job = plan(scene, volume)
         grid = registered(VoxelGrid(volume.shape, job.spacing, volume.origin, volume.direction), section.registration)
@@ -130,7 +148,7 @@ def run(
         wanted = section.threads or (JOB_THREADS if keeps else threads_of(0))
         threads, tiles = _cut(job, section, section.memory - kept, wanted)
         threads = min(threads, threads_of(section.threads))
-        provenance = Provenance.collect("ppmc.ct", scene, ("ct",), inputs=[path, mask_path])
+        provenance = Provenance.of(scene, depends)
         boxes = tiles.boxes()
         parts = Parts(output.with_name(f"{output.name}.parts"), provenance, tiles) if keeps else None
         if part is not None:

@@ -5,17 +5,19 @@ This package knows no physics; `fields` has the tables, everything else follows 
 
 from ppmc.files.fields import FIELDS, Field
 from ppmc.files.grid import VoxelGrid
-from ppmc.files.growing import SeriesWriter
+from ppmc.files.growing import SeriesWriter, growing_folder
 from ppmc.files.guard import product_of
+from ppmc.files.lock import Claim, one_writer
 from ppmc.files.particles import ParticleFile, read_particles, write_particles
 from ppmc.files.provenance import Provenance, file_digest
 from ppmc.files.series import SeriesFile, open_series
 from ppmc.files.state import read_state, write_state
-from ppmc.files.storage import check_output, whole_file
+from ppmc.files.storage import check_output, is_product, whole_file
 from ppmc.files.voxels import VoxelFile, VoxelWriter, read_voxels, write_voxels
 
 __all__ = [
     "FIELDS",
+    "Claim",
     "Field",
     "ParticleFile",
     "Provenance",
@@ -26,6 +28,9 @@ __all__ = [
     "VoxelWriter",
     "check_output",
     "file_digest",
+    "growing_folder",
+    "is_product",
+    "one_writer",
     "open_series",
     "product_of",
     "read_particles",

@@ -10,19 +10,32 @@ from typing import Any
 import h5py
 import numpy as np
 
+from ppmc.errors import InputFileError
+from ppmc.files.digests import DIGESTS, MANIFEST, manifest
 from ppmc.files.fields import FIELDS, MADE_BY, UNITS
-from ppmc.files.guard import check_values, dataset_of, group_of, open_guarded
+from ppmc.files.frame_files import HEADER, FrameFolder, frame_name
+from ppmc.files.guard import (
+    block_check,
+    check_values,
+    compare_block,
+    compare_whole,
+    dataset_of,
+    group_of,
+    open_guarded,
+    read_whole,
+)
 from ppmc.files.provenance import Provenance
 from ppmc.files.text import attribute, read_json
-from ppmc.files.vtkhdf import digest
 
 SUMMARY_VALUES = 2_000_000
+SLAB_BYTES = 2**26
 MEANING = {
     "volume": "grey values of a CT volume, with the true orientations if a phantom made it",
     "orientations": "fibre direction and platelet normal of each voxel of a CT volume",
     "charge": "the particles before moulding, each with its platelet's frame",
     "flow": "the particles through the moulding, a frame for each output time",
     "analysis": "orientation tensors of regions and path slices, a point for each",
+    "frame": "one frame of a product that is still growing; its folder is the whole",
     "checkpoint": "the exact state of an unfinished flow simulation, to resume from",
 }
 
@@ -46,6 +59,8 @@ def describe_file(path: Path) -> str:
         If the file is missing, damaged or not of ppmc.
     """
     path = Path(path)
+    if (path / HEADER).is_file():
+        return _describe_growing(path)
     with open_guarded(path, None) as file:
         product = attribute(file["ppmc"], "schema")
         lines = [
@@ -61,6 +76,19 @@ def describe_file(path: Path) -> str:
         if product in FIELDS:
             lines += ["", "Open it in ParaView as it is, or in Python: pyvista.read(file) or ppmc.files"]
     return "\n".join(lines)
+
+
+def _describe_growing(path: Path) -> str:
+    """Return a description of a product that is not complete yet: its last frame stands for it."""
+    folder = FrameFolder.open(path)
+    count = folder.count()
+    lines = [f"{path}", f"  {folder.product}: {MEANING[folder.product]}", f"  {folder.n:,} particles, {count} frames"]
+    if count:
+        lines[-1] += f" from {folder.time_of(0):g} s to {folder.time_of(count - 1):g} s"
+    lines.append("  still growing, or its run was stopped: 'ppmc solve' goes on with it")
+    lines += ["", f"Fields: {', '.join(folder.names)}", "", *_origin(folder.provenance, folder.product)]
+    watched = path / f"{path.stem}.vtkhdf.series"
+    return "\n".join([*lines, "", f"Watch it in ParaView or pyvista: {watched}"])
 
 
 def _size(count: int) -> str:
@@ -82,7 +110,7 @@ def _shape(file: h5py.File, path: Path, product: str) -> list[str]:
             f"{counts[0]} x {counts[1]} x {counts[2]} voxels (x, y, z) of {' x '.join(f'{s:g}' for s in spacing)} mm",
             f"first voxel's centre at ({', '.join(f'{v:g}' for v in origin)}) mm{turned}",
         ]
-    n = int(dataset_of(file, "VTKHDF/NumberOfPoints", path)[0])
+    n = int(read_whole(file, "VTKHDF/NumberOfPoints", path)[0])
     points = dataset_of(file, "VTKHDF/Points", path)
     what = "regions" if product == "analysis" else "particles"
     lines = [f"{n:,} {what}"]
@@ -90,8 +118,6 @@ def _shape(file: h5py.File, path: Path, product: str) -> list[str]:
         frames = int(root["Steps"].attrs["NSteps"])
         times = dataset_of(file, "VTKHDF/Steps/Values", path)[:frames]
         lines.append(f"{frames} frames from {times[0]:g} s to {times[-1]:g} s" if frames else "no frame yet")
-        if product == "flow" and "history" not in file["ppmc"]:
-            lines.append("still growing, or its run was stopped: 'ppmc solve' goes on with it")
         spans = [("start", points[:n]), ("end", points[(frames - 1) * n : frames * n])] if frames else []
     else:
         spans = [("span", points[:n])]
@@ -150,7 +176,7 @@ def _origin(origin: Provenance, product: str) -> list[str]:
 
 
 def verify_file(path: Path) -> list[str]:
-    """Read a whole file and verify every value against contract and digest.
+    """Read a whole file, or the folder of a growing one, and verify every value against contract and digest.
 
     Returns
     -------
@@ -162,27 +188,40 @@ def verify_file(path: Path) -> list[str]:
     InputFileError
         At the first fault, naming the dataset.
     """
-    from ppmc.errors import InputFileError
-
     path = Path(path)
+    if (path / HEADER).is_file():
+        parts = [path / HEADER, *(path / frame_name(k) for k in range(FrameFolder.open(path).count()))]
+        return [f"{part.name}{line}" for part in parts for line in verify_file(part)]
     lines = []
     with open_guarded(path, None) as file:
         product = attribute(file["ppmc"], "schema")
         specs = {f.name: f for f in FIELDS.get(product, ())}
-        root = "state" if product == "checkpoint" else "VTKHDF"
         found: list[str] = []
-        group_of(file, root, path).visititems(lambda n, o: found.append(n) if isinstance(o, h5py.Dataset) else None)
+        file.visititems(lambda n, o: found.append(n) if isinstance(o, h5py.Dataset) else None)
         for name in found:
-            dataset = dataset_of(file, f"{root}/{name}", path)
-            values: Any = dataset[()]
-            spec = specs.get(name.rsplit("/", 1)[-1])
-            if spec is not None and name.startswith("PointData/"):
-                check_values(values, spec, dataset.name, path)
-            stored = attribute(dataset, "sha256")
-            if stored and stored != digest(values):
-                raise InputFileError(
-                    f"{path}: {dataset.name} does not match its digest; the file was changed or damaged"
-                )
-            if stored or spec is not None:
-                lines.append(f"{dataset.name}: {'values and digest' if stored else 'values'} verified")
+            dataset = dataset_of(file, name, path)
+            spec = specs.get(name.rsplit("/", 1)[-1]) if name.startswith("VTKHDF/PointData/") else None
+            check = block_check(file, name, path)
+            noted = "sha256" in dataset.attrs or f"{DIGESTS}/{name}" in file
+            for rows in _parts(dataset, check.block):
+                values: Any = dataset[rows] if rows else dataset[()]
+                if spec is not None:
+                    check_values(values, spec, dataset.name, path)
+                if rows and f"{DIGESTS}/{name}" in file:
+                    compare_block(check, rows, path)
+                else:
+                    compare_whole(dataset, values, path)
+            if noted or spec is not None:
+                lines.append(f"{dataset.name}: {'values and digest' if noted else 'values'} verified")
+        written = attribute(file["ppmc"], MANIFEST)
+        if written and written != manifest(file):
+            raise InputFileError(f"{path}: names or attributes were changed after the file was written")
     return lines
+
+
+def _parts(dataset: h5py.Dataset, block: tuple[int, ...]) -> list[tuple[slice, ...]]:
+    """Return slabs that cover a dataset, of a few blocks each; a single empty one for what is read whole."""
+    if dataset.ndim == 0 or "sha256" in dataset.attrs or not dataset.size:
+        return [()]
+    rows = max(1, SLAB_BYTES // max(1, dataset.nbytes // dataset.shape[0]) // max(1, block[0])) * max(1, block[0])
+    return [(slice(k, min(k + rows, dataset.shape[0])),) for k in range(0, dataset.shape[0], rows)]

@@ -1,16 +1,18 @@
 """Write products that change in time: the flow history and the analysis.
 
-A growing file gains a frame at a time and stays readable whenever its writer is killed: every frame is one chunk of
-each dataset, data is flushed before the number of steps counts it, and the file is closed between frames. When the
-run is over it is sealed: copied whole into a file with checksummed metadata.
+While it grows, a product is a folder: a header, and one small sealed file for each frame, written whole and renamed.
+Whatever ends the writer, at whatever moment, all frames but the one in flight are there, and none is ever touched
+again. An index in the folder lets ParaView and pyvista watch. When the run is over the frames are joined into one
+file, which appears whole; only then the folder goes.
 """
 
 from __future__ import annotations
 
+import json
 import os
-import time as clock
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+import shutil
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -20,35 +22,48 @@ from numpy.typing import NDArray
 
 from ppmc.errors import InputFileError, StorageError
 from ppmc.files import vtkhdf
-from ppmc.files.fields import FIELDS
+from ppmc.files.digests import LENGTH, digest, put_block_digests, put_digest
+from ppmc.files.fields import FIELDS, SCHEMA_VERSION
 from ppmc.files.fields import field as spec_of
-from ppmc.files.guard import group_of, open_guarded
+from ppmc.files.frame_files import HEADER, FrameFolder, frame_name
+from ppmc.files.hdf5_output import new_hdf5
 from ppmc.files.particles import POSITION
 from ppmc.files.provenance import Provenance
 from ppmc.files.storage import whole_file
-from ppmc.files.text import attribute, put_attribute, put_json
+from ppmc.files.text import put_attribute, put_json
 
-# A viewer that reads a long series holds the lock for long, and a run of hours must not end for that.
-LOCKED_SECONDS, LOCKED_WAIT_SECONDS = 600.0, 0.2
+LINKED = ("NumberOfPoints", "Vertices", "Lines", "Polygons", "Strips")  # the same in every frame
+
+
+def growing_folder(final: Path) -> Path:
+    """Return the folder in which a product grows until it is complete."""
+    return final.with_name(f"{final.stem}.partial")
 
 
 class SeriesWriter:
-    """A growing file of frames.
+    """A growing product.
 
     Attributes
     ----------
     path : Path
-        The growing file.
+        The folder.
     frames : int
         Finished frames in it.
     """
 
-    def __init__(self, path: Path, product: str, n: int, names: tuple[str, ...], frames: int) -> None:
+    def __init__(
+        self, path: Path, product: str, n: int, names: tuple[str, ...], scalars: tuple[str, ...],
+        provenance: Provenance, run: str, frames: int,
+    ) -> None:  # fmt: skip
         self.path = Path(path)
         self.product = product
         self.n = n
         self.names = names
+        self.scalars = scalars
+        self.provenance = provenance
+        self.run = run
         self.frames = frames
+        self._times: list[float] = []
 
     @classmethod
     def create(
@@ -62,12 +77,12 @@ class SeriesWriter:
         provenance: Provenance,
         product: str = "flow",
     ) -> SeriesWriter:
-        """Make a file without frames.
+        """Make a product without frames.
 
         Parameters
         ----------
         path : Path
-            The growing file; replaced if it exists.
+            The folder in which it grows; replaced if it exists.
         n : int
             Number of particles, the same at all times.
         static : mapping of str to ndarray, shape (n[, components])
@@ -77,65 +92,59 @@ class SeriesWriter:
         scalars : iterable of str
             Numbers that every frame will bring.
         provenance : Provenance
-            Origin of the file.
+            Origin of the product.
         product : str
             ``"flow"`` or ``"analysis"``.
 
         Raises
         ------
         StorageError
-            If the file cannot be written.
+            If the folder cannot be written, or holds files of others.
         """
-        names = tuple(fields)
-        with whole_file(path) as temporary, h5py.File(temporary, "w") as file:
-            root = vtkhdf.begin(file, "PolyData")
+        path = Path(path)
+        names, numbers = tuple(fields), tuple(scalars)
+        FrameFolder.clear(path)
+        with new_hdf5(path / HEADER) as new:
+            root = vtkhdf.begin(new.file, "PolyData")
             data = vtkhdf.points_header(root, n)
-            steps = root.create_group("Steps")
-            offsets = steps.create_group("PointDataOffsets")
-            put_attribute(_growing(root, "Points", (n, 3), "f8"), "unit", "mm")
-            for name in names:
-                spec = spec_of(product, name)
-                shape = (n,) if spec.components == 1 else (n, spec.components)
-                vtkhdf.describe(_growing(data, name, shape, spec.dtype), spec, provenance.creator)
-                _growing(offsets, name, (1,), "i8")
             for name, values in static.items():
                 vtkhdf.put(data, spec_of(product, name), values, (n,), provenance.creator)
-                _growing(offsets, name, (1,), "i8")
-            put_attribute(_growing(steps, "Values", (1,), "f8"), "unit", "s")
-            for name in ("PartOffsets", "NumberOfParts", "PointOffsets"):
-                _growing(steps, name, (1,), "i8")
-            for name in ("CellOffsets", "ConnectivityIdOffsets"):
-                _growing(steps, name, (1, 4), "i8")
-            provenance.store(file, product)
-            frames = file["ppmc"].create_group("frames")
-            for name in scalars:
-                _growing(frames, name, (1,), "f8")
-            steps.attrs["NSteps"] = np.int64(0)
-        return cls(Path(path), product, n, names, 0)
+            provenance.store(new.file, product)
+            put_json(new.file["ppmc"], "growing", {"fields": names, "scalars": numbers, "n": n})
+        return cls(path, product, n, names, numbers, provenance, provenance.key, 0)
 
     @classmethod
-    def resume(cls, path: Path, frames: int | None = None) -> SeriesWriter:
-        """Go on with a growing file; frames past `frames` will be written over.
+    def resume(cls, path: Path, frames: int | None = None, provenance: Provenance | None = None) -> SeriesWriter:
+        """Go on with a growing product; frames past `frames` go.
+
+        Parameters
+        ----------
+        path : Path
+            The folder.
+        frames : int, optional
+            How many frames to keep; all by default.
+        provenance : Provenance, optional
+            Origin that the complete product will state; that of the beginning by default.
 
         Raises
         ------
         InputFileError
-            If the file is missing, damaged, or has fewer frames than asked.
+            If the folder is missing, a frame to be kept is damaged, or there are fewer than asked.
         """
-        with open_guarded(path, None) as file:
-            product = attribute(file["ppmc"], "schema")
-            root = group_of(file, "VTKHDF", Path(path))
-            n = int(root["NumberOfPoints"][0])
-            have = int(root["Steps"].attrs["NSteps"])
-            static = {f.name for f in FIELDS[product] if f.static}
-            names = tuple(name for name in root["PointData"] if name not in static)
+        folder = FrameFolder.open(path)
+        have = folder.sound_frames(frames)
         if frames is not None and have < frames:
-            raise InputFileError(f"{path}: holds {have} frames, the checkpoint goes with {frames}; start the run anew")
-        keep = have if frames is None else frames
-        if keep != have:
-            with _reopened(Path(path)) as file:
-                file["VTKHDF/Steps"].attrs["NSteps"] = np.int64(keep)
-        return cls(Path(path), product, n, names, keep)
+            raise InputFileError(
+                f"{path}: holds {have} sound frames, the checkpoint goes with {frames}; start anew with --restart"
+            )
+        folder.drop_from(have)
+        writer = cls(
+            folder.path, folder.product, folder.n, folder.names, folder.scalars,
+            provenance or folder.provenance, folder.run, have,
+        )  # fmt: skip
+        writer._times = [folder.time_of(k) for k in range(have)]
+        writer._write_index()
+        return writer
 
     def append(
         self,
@@ -160,39 +169,47 @@ class SeriesWriter:
         Raises
         ------
         StorageError
-            If the disk is full or the file is held by another program for long.
+            If the disk is full, or another process has taken the output.
         """
         if set(fields) != set(self.names):
             raise ValueError(f"a frame must bring {sorted(self.names)}, got {sorted(fields)}")
         k, n = self.frames, self.n
         try:
-            with _reopened(self.path) as file:
-                root = file["VTKHDF"]
-                data, steps = root["PointData"], root["Steps"]
-                _put_frame(root["Points"], k, vtkhdf.as_stored(positions, POSITION, (n,)))
-                for name, values in fields.items():
-                    _put_frame(data[name], k, vtkhdf.as_stored(values, spec_of(self.product, name), (n,)))
-                for name, offset in steps["PointDataOffsets"].items():
-                    _put_frame(offset, k, np.array([k * n if name in fields else 0]))
-                _put_frame(steps["Values"], k, np.array([time]))
-                _put_frame(steps["PartOffsets"], k, np.array([0]))
-                _put_frame(steps["NumberOfParts"], k, np.array([1]))
-                _put_frame(steps["PointOffsets"], k, np.array([k * n]))
-                _put_frame(steps["CellOffsets"], k, np.zeros((1, 4)))
-                _put_frame(steps["ConnectivityIdOffsets"], k, np.zeros((1, 4)))
-                for name, dataset in file["ppmc/frames"].items():
-                    _put_frame(dataset, k, np.array([float((scalars or {}).get(name, np.nan))]))
-                file.flush()
-                steps.attrs["NSteps"] = np.int64(k + 1)
-        except (OSError, RuntimeError) as error:
-            reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
-            raise StorageError(f"{self.path}: frame {k} cannot be written ({reason}); {k} frames are safe") from error
+            with new_hdf5(self.path / frame_name(k)) as new:
+                root = vtkhdf.begin(new.file, "PolyData")
+                for name in LINKED:
+                    root[name] = h5py.ExternalLink(HEADER, f"VTKHDF/{name}")
+                data = root.create_group("PointData")
+                stored = vtkhdf.as_stored(positions, POSITION, (n,))
+                put_digest(root.create_dataset("Points", data=stored), stored)
+                for name in self.names:
+                    vtkhdf.put(data, spec_of(self.product, name), fields[name], (n,), self.provenance.creator)
+                for spec in FIELDS[self.product]:
+                    if spec.static:
+                        data[spec.name] = h5py.ExternalLink(HEADER, f"VTKHDF/PointData/{spec.name}")
+                own = new.file.create_group("ppmc")
+                put_attribute(own, "schema", "frame")
+                own.attrs["schema_version"] = SCHEMA_VERSION
+                put_attribute(own, "run", self.run)
+                own.attrs["frame"] = np.int64(k)
+                own.attrs["time"] = np.float64(time)
+                own.attrs["scalars"] = np.array([(scalars or {}).get(s, np.nan) for s in self.scalars], np.float64)
+            self._times = [*self._times[:k], float(time)]
+            self._write_index()
+        except StorageError as error:
+            raise StorageError(f"{error}; {k} frames are safe in {self.path}") from error
         self.frames = k + 1
+
+    def _write_index(self) -> None:
+        """Write the list of frames that viewers take for one animation."""
+        files = [{"name": frame_name(k), "time": time} for k, time in enumerate(self._times)]
+        with whole_file(self.path / f"{self.path.stem}.vtkhdf.series") as temporary:
+            temporary.write_text(json.dumps({"file-series-version": "1.0", "files": files}), encoding="utf-8")
 
     def seal(
         self, final: Path, history: Mapping[str, NDArray[Any]] | None = None, extra: Mapping[str, Any] | None = None
     ) -> None:
-        """Copy the frames into the final file, with the history of every step, and remove the growing one.
+        """Join the frames to the complete product, with the history of every step and remove the folder.
 
         Parameters
         ----------
@@ -202,82 +219,75 @@ class SeriesWriter:
             Columns with a value each step, time among them.
         extra : mapping, optional
             Further facts, anything that JSON can hold.
+
+        Raises
+        ------
+        InputFileError
+            If a frame has been damaged since it was written.
+        StorageError
+            If the file cannot be written; all frames stay then.
         """
-        count = self.frames * self.n
-        growing = {"Points": count} | {f"PointData/{name}": count for name in self.names}
-        with (
-            open_guarded(self.path, self.product) as source,
-            whole_file(final) as temporary,
-            h5py.File(temporary, "w", libver=vtkhdf.SEALED) as file,
-        ):
-
-            def copy(name: str, item: Any) -> None:
-                if isinstance(item, h5py.Group):
-                    _copy_attributes(item, file.require_group(name))
-                    return
-                if name.startswith("VTKHDF/Steps/") or name.startswith("ppmc/frames/"):
-                    values = item[: self.frames]
-                else:
-                    rows = growing.get(name.removeprefix("VTKHDF/"))
-                    values = item[()] if rows is None else item[:rows]
-                dataset = file.create_dataset(name, data=values)
-                _copy_attributes(item, dataset)
-                if isinstance(values, np.ndarray):
-                    put_attribute(dataset, "sha256", vtkhdf.digest(values))
-
-            source.visititems(copy)
-            table = file["ppmc"].create_group("history")
+        folder = FrameFolder.open(self.path)
+        count, n = self.frames, self.n
+        with new_hdf5(final) as new:
+            file = new.file
+            root = vtkhdf.begin(file, "PolyData")
+            data = vtkhdf.points_header(root, n)
+            for name, values in folder.static().items():
+                vtkhdf.put(data, spec_of(self.product, name), values, (n,), self.provenance.creator)
+            targets = {"Points": root.create_dataset("Points", shape=(count * n, 3), dtype="f8")}
+            put_attribute(targets["Points"], "unit", "mm")
+            for name in self.names:
+                spec = spec_of(self.product, name)
+                shape = (count * n,) if spec.components == 1 else (count * n, spec.components)
+                targets[name] = data.create_dataset(name, shape=shape, dtype=spec.dtype)
+                vtkhdf.describe(targets[name], spec, self.provenance.creator)
+            digests = {name: np.zeros((count, LENGTH), np.uint8) for name in targets}
+            scalars = np.full((count, len(self.scalars)), np.nan)
+            for k in range(count):
+                with folder.frame(k) as frame:
+                    for name, target in targets.items():
+                        values = frame.read(name)
+                        target[k * n : (k + 1) * n] = values
+                        digests[name][k] = np.frombuffer(bytes.fromhex(digest(values)), np.uint8)
+                    scalars[k] = frame.scalars
+                new.check()
+            for name, target in targets.items():
+                block = (n, *target.shape[1:])
+                found = digests[name].reshape(count, *(1,) * (target.ndim - 1), LENGTH)
+                put_block_digests(target, block, found)
+            self._put_steps(root, folder, count)
+            self.provenance.store(file, self.product)
+            own = file["ppmc"]
+            frames = own.create_group("frames")
+            for name, column in zip(self.scalars, scalars.T, strict=True):
+                frames.create_dataset(name, data=column)
+            table = own.create_group("history")
             for name, values in (history or {}).items():
                 table.create_dataset(name, data=np.asarray(values, dtype=np.float64))
-            put_json(file["ppmc"], "extra", dict(extra or {}))
-        self.path.unlink()
+            put_json(own, "extra", dict(extra or {}))
+        self.remove()
 
+    def _put_steps(self, root: h5py.Group, folder: FrameFolder, count: int) -> None:
+        """Write where each time step begins, as VTK wants it."""
+        n = self.n
+        steps = root.create_group("Steps")
+        steps.attrs["NSteps"] = np.int64(count)
+        begins = np.arange(count, dtype=np.int64) * n
+        steps["Values"] = np.array([folder.time_of(k) for k in range(count)], dtype=np.float64)
+        put_attribute(steps["Values"], "unit", "s")
+        steps["PartOffsets"] = np.zeros(count, np.int64)
+        steps["NumberOfParts"] = np.ones(count, np.int64)
+        steps["PointOffsets"] = begins
+        for name in ("CellOffsets", "ConnectivityIdOffsets"):
+            steps[name] = np.zeros((count, 4), np.int64)
+        offsets = steps.create_group("PointDataOffsets")
+        for name in root["PointData"]:
+            offsets[name] = begins if name in self.names else np.zeros(count, np.int64)
 
-def _copy_attributes(source: Any, target: Any) -> None:
-    """Copy attributes with their exact types (VTK wants fixed-length text)."""
-    for name in source.attrs:
-        target.attrs.create(name, source.attrs[name], dtype=source.attrs.get_id(name).dtype)
-
-
-def _growing(group: h5py.Group, name: str, frame: tuple[int, ...], dtype: str) -> h5py.Dataset:
-    """Return a new dataset that grows by one chunk a frame."""
-    big = int(np.prod(frame)) > 64
-    return group.create_dataset(
-        name,
-        shape=(0, *frame[1:]),
-        maxshape=(None, *frame[1:]),
-        chunks=frame,
-        dtype=dtype,
-        fillvalue=np.nan if np.dtype(dtype).kind == "f" else -1,
-        compression="gzip" if big else None,
-        compression_opts=1 if big else None,
-        shuffle=big,
-    )
-
-
-def _put_frame(dataset: h5py.Dataset, k: int, values: NDArray[Any]) -> None:
-    """Write chunk `k`, over what a killed writer may have left there."""
-    rows = dataset.chunks[0]
-    if dataset.shape[0] < (k + 1) * rows:
-        dataset.resize((k + 1) * rows, axis=0)
-    dataset[k * rows : (k + 1) * rows] = values
-
-
-@contextmanager
-def _reopened(path: Path) -> Iterator[h5py.File]:
-    """Open a growing file for the moment of a frame; wait while a viewer holds it."""
-    end = clock.monotonic() + LOCKED_SECONDS
-    while True:
-        try:
-            file = h5py.File(path, "r+")
-            break
-        except BlockingIOError:
-            if clock.monotonic() > end:
-                raise StorageError(
-                    f"{path}: another program has held it open for {LOCKED_SECONDS:.0f} s; close that, and resume"
-                ) from None
-            clock.sleep(LOCKED_WAIT_SECONDS)
-    with file:
-        yield file
-    with path.open("rb") as handle:
-        os.fsync(handle.fileno())
+    def remove(self) -> None:
+        """Remove the folder, at one stroke for all who look: the product is complete, or nobody wants it."""
+        aside = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")
+        with suppress(OSError):
+            self.path.rename(aside)
+            shutil.rmtree(aside)

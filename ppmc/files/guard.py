@@ -13,13 +13,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.errors import InputFileError
-from ppmc.files.fields import MADE_BY, SCHEMA_VERSION, Field
+from ppmc.files.digests import DIGESTS, LENGTH, BlockCheck, digest
+from ppmc.files.fields import FIELDS, MADE_BY, SCHEMA_VERSION, Field
 from ppmc.files.text import attribute
 
 UNIT_TOLERANCE = 1e-3
 ORTHOGONAL_TOLERANCE = 5e-3
 MOST_COMPRESSION = 1100  # deflate cannot shrink further than about 1030 : 1
 SMALL_BYTES = 16 * 2**20
+MOST_OBJECTS = 20_000
+OWN_GROUPS = ("ppmc", "VTKHDF", "state")
+# A frame of a growing product leaves to its header what all frames share.
+FRAME_LINKS = tuple(
+    f"/VTKHDF/{name}"
+    for name in (
+        *("NumberOfPoints", "Vertices", "Lines", "Polygons", "Strips"),
+        *(f"PointData/{f.name}" for fields in FIELDS.values() for f in fields if f.static),
+    )
+)
+UNLIKE = "does not match its digest; the file was changed or damaged after it was written"
 
 
 @contextmanager
@@ -41,9 +53,12 @@ def open_guarded(path: Path, product: str | None) -> Iterator[h5py.File]:
     path = Path(path)
     if not path.exists():
         hint = f"; make it with '{MADE_BY[product]}'" if product in MADE_BY else ""
+        growing = path.with_name(f"{path.stem}.partial")
+        if product == "flow" and growing.is_dir():
+            hint = f"; its run is not complete, the frames so far are in {growing}"
         raise InputFileError(f"{path}: no such file{hint}")
-    if path.is_dir():
-        raise InputFileError(f"{path}: is a folder, not a file")
+    if not path.is_file():
+        raise InputFileError(f"{path}: is {'a folder' if path.is_dir() else 'a device or the like'}, not a file")
     try:
         file = h5py.File(path, "r", locking=False)
     except OSError as error:
@@ -52,6 +67,9 @@ def open_guarded(path: Path, product: str | None) -> Iterator[h5py.File]:
     with file:
         try:
             _check_schema(file, path, product)
+            for name in OWN_GROUPS:
+                if name in file:
+                    _check_tree(file, name, path)
             yield file
         except (OSError, RuntimeError, KeyError, UnicodeDecodeError, json.JSONDecodeError) as error:
             # HDF5 reports damage inside a file only when the damaged part is read; h5py turns some of these reports
@@ -59,6 +77,29 @@ def open_guarded(path: Path, product: str | None) -> Iterator[h5py.File]:
             if isinstance(error, KeyError) and "Unable to" not in str(error):
                 raise
             raise InputFileError(f"{path}: is damaged: {str(error).splitlines()[0]}") from None
+
+
+def _check_tree(file: h5py.File, name: str, path: Path) -> None:
+    """Refuse links, foreign storage, implausible sizes and unknown types anywhere in a group."""
+    allowed = FRAME_LINKS if attribute(file["ppmc"], "schema") == "frame" else ()
+    waiting, seen = [_member(file, name, path)], 0
+    known: set[Any] = set()
+    while waiting:
+        here = waiting.pop()
+        seen += 1
+        if seen > MOST_OBJECTS:
+            raise InputFileError(f"{path}: holds more than {MOST_OBJECTS:,} groups and datasets; it is not ppmc's")
+        if isinstance(here, h5py.Dataset):
+            dataset_of(file, here.name, path)
+            continue
+        address = h5py.h5o.get_info(here.id).addr
+        if address in known:
+            raise InputFileError(f"{path}: {here.name} is in the file twice; ppmc's files hold everything once")
+        known.add(address)
+        for part in here:
+            if f"{here.name}/{part}" in allowed:
+                continue
+            waiting.append(_member(here, part, path))
 
 
 def product_of(path: Path) -> str:
@@ -69,7 +110,9 @@ def product_of(path: Path) -> str:
     InputFileError
         If the file is missing, damaged or not of ppmc.
     """
-    with open_guarded(path, None) as file:
+    path = Path(path)
+    growing = path / "header.vtkhdf"  # a folder in which a product grows
+    with open_guarded(growing if growing.is_file() else path, None) as file:
         return attribute(file["ppmc"], "schema", "unknown")
 
 
@@ -135,14 +178,79 @@ def dataset_of(file: h5py.File, name: str, path: Path) -> h5py.Dataset:
         raise InputFileError(f"{path}: {data.name} must be a dataset, it is a group")
     if data.external or data.is_virtual:
         raise InputFileError(f"{path}: {data.name} keeps its data in other files; ppmc reads only what the file holds")
-    if data.dtype.kind in "iufb":
-        stored = data.id.get_storage_size()
+    if data.dtype.kind not in "iufbS":
+        raise InputFileError(f"{path}: {data.name} holds {data.dtype}; ppmc reads numbers and text of fixed length")
+    if data.size:
+        # A file with holes declares bytes that no disk holds.
+        held = path.stat().st_blocks * 512
+        stored = min(data.id.get_storage_size(), MOST_COMPRESSION * held)
         if data.nbytes > MOST_COMPRESSION * stored + SMALL_BYTES:
             raise InputFileError(
                 f"{path}: {data.name} declares {data.nbytes:,} bytes, but the file holds {stored:,} for it; "
                 "it was not written to the end"
             )
     return data
+
+
+def read_whole(file: h5py.File, name: str, path: Path) -> Any:
+    """Return all values of a dataset, compared with its digest if it has one.
+
+    Raises
+    ------
+    InputFileError
+        If it is no dataset that may be read, or its values are not those that were written.
+    """
+    data = dataset_of(file, name, path)
+    values = data[()]
+    compare_whole(data, values, path)
+    return values
+
+
+def compare_whole(data: h5py.Dataset, values: NDArray[Any], path: Path) -> None:
+    """Refuse values of a whole dataset that are not those that were written.
+
+    Raises
+    ------
+    InputFileError
+        Naming the dataset.
+    """
+    noted = attribute(data, "sha256")
+    if noted and noted != digest(np.asarray(values)):
+        raise InputFileError(f"{path}: {data.name} {UNLIKE}")
+
+
+def block_check(file: h5py.File, name: str, path: Path) -> BlockCheck:
+    """Return the comparison of a dataset with the digests of its blocks, to be asked before a part is read.
+
+    Raises
+    ------
+    InputFileError
+        If it is no dataset that may be read, or its digests are not sound.
+    """
+    data = dataset_of(file, name, path)
+    if f"{DIGESTS}/{name}" not in file:
+        return BlockCheck(data, None, data.shape)
+    where = f"{DIGESTS}/{name}"
+    found = read_whole(file, where, path)
+    block = tuple(int(b) for b in np.atleast_1d(file[where].attrs.get("block", ())))
+    fits = len(block) == data.ndim and min(block, default=0) > 0 and found.dtype == np.uint8
+    if not fits or found.shape != (*(-(-n // b) for n, b in zip(data.shape, block, strict=True)), LENGTH):
+        raise InputFileError(f"{path}: /{where} does not fit {data.name}; {UNLIKE}")
+    return BlockCheck(data, found, block)
+
+
+def compare_block(check: BlockCheck, index: tuple[slice, ...], path: Path) -> None:
+    """Refuse a part of a dataset whose blocks are not those that were written.
+
+    Raises
+    ------
+    InputFileError
+        Naming the dataset and the first block.
+    """
+    unlike = check.first_unlike(index)
+    if unlike is not None:
+        where = ", ".join(f"{s.start}:{s.stop}" for s in unlike)
+        raise InputFileError(f"{path}: {check.dataset.name}[{where}] {UNLIKE}")
 
 
 def check_layout(data: h5py.Dataset, spec: Field, lead: tuple[int, ...] | None, path: Path) -> None:

@@ -7,17 +7,25 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.errors import InputFileError
 from ppmc.files import vtkhdf
+from ppmc.files.digests import put_digest
 from ppmc.files.fields import FIELDS, Field
 from ppmc.files.fields import field as spec_of
-from ppmc.files.guard import check_layout, check_orthogonal, check_values, dataset_of, group_of, open_guarded
+from ppmc.files.guard import (
+    check_layout,
+    check_orthogonal,
+    check_values,
+    compare_whole,
+    dataset_of,
+    group_of,
+    open_guarded,
+)
+from ppmc.files.hdf5_output import new_hdf5
 from ppmc.files.provenance import Provenance
-from ppmc.files.storage import whole_file
 from ppmc.files.text import put_attribute, put_json, read_json
 
 POSITION = Field("position", "f8", 3, "mm", "position", "particle")
@@ -82,11 +90,12 @@ def write_particles(
     if missing:
         raise ValueError(f"product '{product}' needs {', '.join(missing)}")
     n = len(positions)
-    with whole_file(path) as temporary, h5py.File(temporary, "w", libver=vtkhdf.SEALED) as file:
+    with new_hdf5(path) as new:
+        file = new.file
         root = vtkhdf.begin(file, "PolyData")
         data = vtkhdf.points_header(root, n)
         points = vtkhdf.as_stored(positions, POSITION, (n,))
-        put_attribute(root.create_dataset("Points", data=points), "sha256", vtkhdf.digest(points))
+        put_digest(root.create_dataset("Points", data=points), points)
         put_attribute(root["Points"], "unit", "mm")
         for name, values in fields.items():
             vtkhdf.put(data, spec_of(product, name), values, (n,), provenance.creator)
@@ -117,8 +126,10 @@ def read_particles(path: Path, product: str) -> ParticleFile:
         if points.ndim != 2 or points.shape[1] != 3 or points.shape[0] == 0:
             raise InputFileError(f"{path}: /VTKHDF/Points has shape {points.shape}, must be (n, 3) with n > 0")
         n = points.shape[0]
-        positions = points[:].astype(np.float64)
+        raw = points[:]
+        positions = raw.astype(np.float64)
         check_values(positions, POSITION, points.name, path)
+        compare_whole(points, raw, path)
         data = group_of(file, "VTKHDF/PointData", path)
         fields = {}
         for spec in FIELDS[product]:
@@ -128,8 +139,10 @@ def read_particles(path: Path, product: str) -> ParticleFile:
                 continue
             dataset = dataset_of(file, f"VTKHDF/PointData/{spec.name}", path)
             check_layout(dataset, spec, (n,), path)
-            fields[spec.name] = dataset[:].astype(spec.dtype)
+            raw = dataset[:]
+            fields[spec.name] = raw.astype(spec.dtype)
             check_values(fields[spec.name], spec, dataset.name, path)
+            compare_whole(dataset, raw, path)
         if "platelet_normal" in fields:
             names = ("/VTKHDF/PointData/fibre_direction", "platelet_normal")
             check_orthogonal(fields["fibre_direction"], fields["platelet_normal"], names, path)

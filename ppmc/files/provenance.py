@@ -14,23 +14,33 @@ import h5py
 
 from ppmc import __version__
 from ppmc.files.fields import AXES, MADE_BY, SCHEMA_VERSION, UNITS
+from ppmc.files.references import referenced_files
 from ppmc.files.text import attribute, put_attribute, put_json, read_json
 
 if TYPE_CHECKING:
     from ppmc.scene import Scene
+    from ppmc.scene.depends import Depends
 
 PACKAGES = ("numpy", "numba", "scipy", "h5py")
 READ_BYTES = 2**22
 
 
 def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file, or of all files of a folder in the order of their names."""
+    """Return the SHA-256 of all that is read when a file is read.
+
+    That is its bytes; of a folder, the names and bytes of all files in it, in the order of their names; and in both
+    cases the files that a file refers to: included ones, and those in which HDF5 keeps data.
+    """
     digest = hashlib.sha256()
     path = Path(path)
-    for part in sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]:
-        with part.open("rb") as handle:
-            while block := handle.read(READ_BYTES):
-                digest.update(block)
+    parts = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    for part in parts:
+        if path.is_dir():
+            digest.update(f"{part.relative_to(path).as_posix()} {part.stat().st_size}\n".encode())
+        for read in (part, *referenced_files(part)):
+            with read.open("rb") as handle:
+                while block := handle.read(READ_BYTES):
+                    digest.update(block)
     return digest.hexdigest()
 
 
@@ -120,6 +130,11 @@ class Provenance:
         }
         key = hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()
         return cls(creator, resolved, digests, seed, key, __version__, _packages())
+
+    @classmethod
+    def of(cls, scene: Scene, depends: Depends) -> Provenance:
+        """Gather the origin of a file from what the scene says it depends on."""
+        return cls.collect(depends.creator, scene, depends.sections, depends.inputs, depends.seed)
 
     def store(self, file: h5py.File, product: str) -> None:
         """Write the origin and the contract's name and version into the group ``/ppmc``."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,20 +15,33 @@ from numpy.typing import NDArray
 from ppmc.errors import InputFileError
 from ppmc.files.fields import FIELDS
 from ppmc.files.fields import field as spec_of
-from ppmc.files.guard import check_layout, check_values, dataset_of, group_of, open_guarded
+from ppmc.files.frame_files import FrameFolder
+from ppmc.files.guard import (
+    BlockCheck,
+    block_check,
+    check_layout,
+    check_values,
+    compare_block,
+    dataset_of,
+    group_of,
+    open_guarded,
+    read_whole,
+)
 from ppmc.files.particles import POSITION
 from ppmc.files.provenance import Provenance
 from ppmc.files.text import read_json
 
+Read = Callable[[int, str], NDArray[Any]]
+
 
 @dataclass
 class SeriesFile:
-    """An open series; frames are read, and verified, one at a time.
+    """An open series, sealed or still growing; frames are read, and verified, one at a time.
 
     Attributes
     ----------
     path : Path
-        The file.
+        The file, or the folder in which it grows.
     product : str
         ``"flow"`` or ``"analysis"``.
     n : int
@@ -62,7 +75,7 @@ class SeriesFile:
     extra: dict[str, Any]
     complete: bool
     provenance: Provenance
-    _file: h5py.File
+    _read: Read
 
     def frame(self, k: int, names: Iterable[str] | None = None) -> dict[str, NDArray[Any]]:
         """Return frame `k` (negative counts from the end): ``position`` and the named fields, verified.
@@ -70,30 +83,21 @@ class SeriesFile:
         Raises
         ------
         InputFileError
-            If there is no such frame, or a field breaks its contract.
+            If there is no such frame, or a field breaks its contract or is not what was written.
         """
         frames = len(self.times)
         if not -frames <= k < frames:
             raise InputFileError(f"{self.path}: has {frames} frames, frame {k} was asked for")
         k %= frames
-        rows = slice(k * self.n, (k + 1) * self.n)
-        points = dataset_of(self._file, "VTKHDF/Points", self.path)
-        out = {"position": points[rows]}
-        if self.product == "flow":
-            check_values(out["position"], POSITION, f"{points.name} (frame {k})", self.path)
+        out = {"position": self._read(k, "Points")}
         for name in self.names if names is None else names:
-            if name in self.static:
-                out[name] = self.static[name]
-                continue
-            dataset = dataset_of(self._file, f"VTKHDF/PointData/{name}", self.path)
-            out[name] = dataset[rows]
-            check_values(out[name], spec_of(self.product, name), f"{dataset.name} (frame {k})", self.path)
+            out[name] = self.static[name] if name in self.static else self._read(k, name)
         return out
 
 
 @contextmanager
 def open_series(path: Path, product: str) -> Iterator[SeriesFile]:
-    """Open a flow history or an analysis, sealed or still growing.
+    """Open a flow history or an analysis: a sealed file, or the folder in which one grows.
 
     Raises
     ------
@@ -101,46 +105,102 @@ def open_series(path: Path, product: str) -> Iterator[SeriesFile]:
         If the file is missing, damaged, without a frame, or breaks its contract.
     """
     path = Path(path)
-    with open_guarded(path, product) as file:
-        root = group_of(file, "VTKHDF", path)
-        steps = group_of(file, "VTKHDF/Steps", path)
-        n = int(dataset_of(file, "VTKHDF/NumberOfPoints", path)[0])
-        frames = int(steps.attrs.get("NSteps", 0))
-        if frames < 1:
-            raise InputFileError(f"{path}: holds no frame yet")
-        times = dataset_of(file, "VTKHDF/Steps/Values", path)[:frames].astype(np.float64)
-        points = dataset_of(file, "VTKHDF/Points", path)
-        if points.ndim != 2 or points.shape[1] != 3 or points.shape[0] < frames * n or len(times) < frames:
-            raise InputFileError(f"{path}: {points.name} has shape {points.shape}, needs {frames} frames of ({n}, 3)")
-        data = root["PointData"]
-        names, static = [], {}
-        for spec in FIELDS[product]:
-            if spec.name not in data:
-                if spec.required:
-                    raise InputFileError(f"{path}: /VTKHDF/PointData/{spec.name} is missing ({spec.doc})")
-                continue
-            dataset = dataset_of(file, f"VTKHDF/PointData/{spec.name}", path)
-            if spec.static:
-                check_layout(dataset, spec, (n,), path)
-                static[spec.name] = dataset[:]
-                check_values(static[spec.name], spec, dataset.name, path)
-            else:
-                check_layout(dataset, spec, None, path)
-                if dataset.shape[0] < frames * n:
-                    raise InputFileError(f"{path}: {dataset.name} has {dataset.shape[0]} rows, needs {frames * n}")
-                names.append(spec.name)
-        own = file.get("ppmc", {})
-        yield SeriesFile(
-            path=path,
-            product=product,
-            n=n,
-            times=times,
-            names=tuple(names),
-            static=static,
-            scalars={k: v[:frames] for k, v in own.get("frames", {}).items()},
-            history={k: v[:] for k, v in own.get("history", {}).items()},
-            extra=read_json(own, "extra") if own else {},
-            complete="history" in own,
-            provenance=Provenance.load(file),
-            _file=file,
-        )
+    if path.is_dir():
+        yield _growing(path, product)
+        return
+    with ExitStack() as stack:
+        yield _sealed(stack.enter_context(open_guarded(path, product)), path, product)
+
+
+def _growing(path: Path, product: str) -> SeriesFile:
+    """Return the frames that are there so far."""
+    folder = FrameFolder.open(path)
+    if folder.product != product:
+        raise InputFileError(f"{path}: holds '{folder.product}', but '{product}' is needed here")
+    times, scalars = [], []
+    for k in range(folder.count()):
+        with folder.frame(k) as frame:
+            times.append(frame.time)
+            scalars.append(frame.scalars)
+    if not times:
+        raise InputFileError(f"{path}: holds no frame yet")
+
+    def read(k: int, name: str) -> NDArray[Any]:
+        with folder.frame(k) as frame:
+            return frame.read(name)
+
+    return SeriesFile(
+        path=path,
+        product=product,
+        n=folder.n,
+        times=np.array(times),
+        names=folder.names,
+        static=folder.static(),
+        scalars=dict(zip(folder.scalars, np.array(scalars).reshape(len(times), -1).T, strict=True)),
+        history={},
+        extra={},
+        complete=False,
+        provenance=folder.provenance,
+        _read=read,
+    )
+
+
+def _sealed(file: h5py.File, path: Path, product: str) -> SeriesFile:
+    """Return a complete product."""
+    steps = group_of(file, "VTKHDF/Steps", path)
+    n = int(read_whole(file, "VTKHDF/NumberOfPoints", path)[0])
+    frames = int(steps.attrs.get("NSteps", 0))
+    if frames < 1:
+        raise InputFileError(f"{path}: holds no frame yet")
+    times = read_whole(file, "VTKHDF/Steps/Values", path)[:frames].astype(np.float64)
+    points = dataset_of(file, "VTKHDF/Points", path)
+    if points.ndim != 2 or points.shape[1] != 3 or points.shape[0] < frames * n or len(times) < frames:
+        raise InputFileError(f"{path}: {points.name} has shape {points.shape}, needs {frames} frames of ({n}, 3)")
+    data = group_of(file, "VTKHDF/PointData", path)
+    names, static = [], {}
+    for spec in FIELDS[product]:
+        if spec.name not in data:
+            if spec.required:
+                raise InputFileError(f"{path}: /VTKHDF/PointData/{spec.name} is missing ({spec.doc})")
+            continue
+        where = f"VTKHDF/PointData/{spec.name}"
+        dataset = dataset_of(file, where, path)
+        if spec.static:
+            check_layout(dataset, spec, (n,), path)
+            static[spec.name] = read_whole(file, where, path)
+            check_values(static[spec.name], spec, dataset.name, path)
+        else:
+            check_layout(dataset, spec, None, path)
+            if dataset.shape[0] < frames * n:
+                raise InputFileError(f"{path}: {dataset.name} has {dataset.shape[0]} rows, needs {frames * n}")
+            names.append(spec.name)
+    checks: dict[str, BlockCheck] = {}
+
+    def read(k: int, name: str) -> NDArray[Any]:
+        where = "VTKHDF/Points" if name == "Points" else f"VTKHDF/PointData/{name}"
+        dataset, rows = dataset_of(file, where, path), slice(k * n, (k + 1) * n)
+        values: NDArray[Any] = dataset[rows]
+        if name != "Points" or product == "flow":
+            check_values(
+                values, POSITION if name == "Points" else spec_of(product, name), f"{dataset.name} (frame {k})", path
+            )
+        if name not in checks:
+            checks[name] = block_check(file, where, path)
+        compare_block(checks[name], (rows,), path)
+        return values
+
+    own = file.get("ppmc", {})
+    return SeriesFile(
+        path=path,
+        product=product,
+        n=n,
+        times=times,
+        names=tuple(names),
+        static=static,
+        scalars={k: read_whole(file, f"ppmc/frames/{k}", path)[:frames] for k in own.get("frames", {})},
+        history={k: read_whole(file, f"ppmc/history/{k}", path) for k in own.get("history", {})},
+        extra=read_json(own, "extra") if own else {},
+        complete="history" in own,
+        provenance=Provenance.load(file),
+        _read=read,
+    )

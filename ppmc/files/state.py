@@ -6,16 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmc.errors import InputFileError
-from ppmc.files.guard import dataset_of, group_of, open_guarded
+from ppmc.files.digests import put_digest
+from ppmc.files.guard import group_of, open_guarded, read_whole
+from ppmc.files.hdf5_output import new_hdf5
 from ppmc.files.provenance import Provenance
-from ppmc.files.storage import whole_file
-from ppmc.files.text import attribute, put_attribute, put_json, read_json
-from ppmc.files.vtkhdf import SEALED, digest
+from ppmc.files.text import put_json, read_json
 
 
 def write_state(
@@ -28,13 +26,13 @@ def write_state(
     StorageError
         If the file cannot be written.
     """
-    with whole_file(path) as temporary, h5py.File(temporary, "w", libver=SEALED) as file:
-        provenance.store(file, "checkpoint")
-        group = file.create_group("state")
+    with new_hdf5(path) as new:
+        provenance.store(new.file, "checkpoint")
+        group = new.file.create_group("state")
         for name, values in arrays.items():
             stored = np.ascontiguousarray(values)
-            put_attribute(group.create_dataset(name, data=stored), "sha256", digest(stored))
-        put_json(file, "attributes", dict(attributes))
+            put_digest(group.create_dataset(name, data=stored), stored)
+        put_json(new.file, "attributes", dict(attributes))
 
 
 def read_state(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any], Provenance]:
@@ -49,9 +47,6 @@ def read_state(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any], Pro
     with open_guarded(path, "checkpoint") as file:
         arrays = {}
         for name in group_of(file, "state", path):
-            dataset = dataset_of(file, f"state/{name}", path)
-            arrays[name] = dataset[()]
-            if attribute(dataset, "sha256") != digest(arrays[name]):
-                raise InputFileError(f"{path}: /state/{name} does not match its digest; the file is damaged")
+            arrays[name] = read_whole(file, f"state/{name}", path)
         attributes = read_json(file, "attributes")
         return arrays, attributes, Provenance.load(file)

@@ -6,6 +6,7 @@ ever on reading. Text of fixed length lies in checksummed metadata or in the dat
 
 from __future__ import annotations
 
+import hashlib
 import json
 from typing import Any
 
@@ -63,4 +64,8 @@ def read_json(group: h5py.Group, name: str) -> Any:
     data = group[name]
     if data.dtype.kind != "S" or data.shape != () or data.external or data.is_virtual:
         raise InputFileError(f"{group.file.filename}: {data.name} must be text of fixed length, it is {data.dtype}")
-    return json.loads(bytes(data[()]).decode())
+    raw = data[()]
+    noted = attribute(data, "sha256")
+    if noted and noted != hashlib.sha256(np.asarray(raw).tobytes()).hexdigest():
+        raise InputFileError(f"{group.file.filename}: {data.name} does not match its digest; the file is damaged")
+    return json.loads(bytes(raw).decode())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from dataclasses import field as dataclass_field
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -15,11 +16,21 @@ from numpy.typing import NDArray
 
 from ppmc.errors import InputFileError
 from ppmc.files import vtkhdf
+from ppmc.files.digests import BlockCheck, put_block_digests
 from ppmc.files.fields import FIELDS, field
 from ppmc.files.grid import VoxelGrid
-from ppmc.files.guard import check_layout, check_orthogonal, check_values, dataset_of, group_of, open_guarded
+from ppmc.files.guard import (
+    block_check,
+    check_layout,
+    check_orthogonal,
+    check_values,
+    compare_block,
+    dataset_of,
+    group_of,
+    open_guarded,
+)
+from ppmc.files.hdf5_output import new_hdf5
 from ppmc.files.provenance import Provenance
-from ppmc.files.storage import whole_file
 from ppmc.files.text import attribute
 
 CHUNK = (32, 64, 64)
@@ -68,8 +79,8 @@ class VoxelWriter:
 
     def __enter__(self) -> VoxelWriter:
         with ExitStack() as stack:
-            temporary = stack.enter_context(whole_file(self.path))
-            self._file = stack.enter_context(h5py.File(temporary, "w", libver=vtkhdf.SEALED))
+            self._new = stack.enter_context(new_hdf5(self.path))
+            self._file = self._new.file
             self._data = vtkhdf.image_header(vtkhdf.begin(self._file, "ImageData"), self.grid)
             chunk = tuple(min(c, n) for c, n in zip(CHUNK, self.grid.shape, strict=True))
             for name, spec in self._specs.items():
@@ -91,10 +102,19 @@ class VoxelWriter:
         stored = vtkhdf.as_stored(slab, spec, slab.shape[:3])
         kz, ky, kx = slab.shape[:3]
         self._data[name][z0 : z0 + kz, y0 : y0 + ky, x0 : x0 + kx] = stored
+        self._new.check()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if kind is None:
+            try:
+                for data in self._data.values():
+                    put_block_digests(data, data.chunks)
+            except BaseException as failure:
+                if not self._stack.__exit__(type(failure), failure, failure.__traceback__):
+                    raise
+                return
         self._stack.__exit__(kind, error, trace)
 
 
@@ -152,6 +172,7 @@ class VoxelFile:
     names: tuple[str, ...]
     provenance: Provenance
     _file: h5py.File
+    _checks: dict[str, BlockCheck] = dataclass_field(default_factory=dict)
 
     def read(self, name: str, index: Index = ALL) -> NDArray[Any]:
         """Return a field, or the part of it that `index` cuts out, verified against its contract.
@@ -165,7 +186,14 @@ class VoxelFile:
         spec = field(self.product, name)
         values = data[index]
         check_values(values, spec, data.name, self.path)
+        self._compare(name, index)
         return np.asarray(values)
+
+    def _compare(self, name: str, index: Index) -> None:
+        """Refuse a part whose blocks are not those that were written."""
+        if name not in self._checks:
+            self._checks[name] = block_check(self._file, f"VTKHDF/PointData/{name}", self.path)
+        compare_block(self._checks[name], index, self.path)
 
     def read_points(self, name: str, index: Index, points: NDArray[np.integer[Any]]) -> NDArray[Any]:
         """Return a field at some voxels of a part, shape (n[, components]); only these are verified.
@@ -187,6 +215,7 @@ class VoxelFile:
         data = dataset_of(self._file, f"VTKHDF/PointData/{name}", self.path)
         values = data[index][tuple(np.asarray(points).T)]
         check_values(values, field(self.product, name), data.name, self.path)
+        self._compare(name, index)
         return np.asarray(values)
 
     def verify(self) -> None:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import hashlib
 from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmc.files.digests import put_digest
 from ppmc.files.fields import Field
 from ppmc.files.grid import VoxelGrid
 from ppmc.files.text import put_ascii, put_attribute
 
 VERSION = (2, 2)  # the lowest that allows groups of one's own beside /VTKHDF
-SEALED = ("v110", "v114")  # checksummed metadata that VTK still reads; "latest" is not read
 
 # What VTK shows first: the attribute "Attribute" of a dataset makes it the active array of that kind.
 ACTIVE = {"fibre_direction": "Vectors", "principal_fibre_direction": "Vectors", "grey": "Scalars"}
@@ -84,14 +83,9 @@ def stored_dtype(spec: Field, given: np.dtype[Any]) -> np.dtype[Any]:
     return given if given in (np.uint8, np.uint16) else np.dtype(np.float32)
 
 
-def digest(values: NDArray[Any]) -> str:
-    """Return the SHA-256 of an array's bytes."""
-    return hashlib.sha256(np.ascontiguousarray(values).data).hexdigest()
-
-
 def put(group: h5py.Group, spec: Field, values: NDArray[Any], lead: tuple[int, ...], creator: str) -> None:
     """Write one whole field with its description and digest."""
     stored = as_stored(values, spec, lead)
     dataset = group.create_dataset(spec.name, data=stored)
     describe(dataset, spec, creator)
-    put_attribute(dataset, "sha256", digest(stored))
+    put_digest(dataset, stored)

@@ -50,7 +50,9 @@ def load_scene(path: str | Path) -> Scene:
         raise SceneError(f"{path}: is a folder, not a scene file") from None
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(f"{path}: cannot be read as text: {error}") from None
-    return parse_scene(text, path)
+    scene = parse_scene(text, path)
+    scene._file = path
+    return scene
 
 
 def parse_scene(text: str, path: Path = Path("scene.yaml")) -> Scene:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field, PrivateAttr
+from pydantic import BaseModel, Field, PrivateAttr
 
 from ppmc.errors import SceneError
 from ppmc.scene.analysis import AnalysisSection
@@ -52,6 +53,7 @@ class Scene(Section):
     """Regions, paths and figures."""
 
     _directory: Path = PrivateAttr(default_factory=Path)
+    _file: Path | None = PrivateAttr(default=None)
 
     @property
     def directory(self) -> Path:
@@ -61,6 +63,22 @@ class Scene(Section):
     def locate(self, path: str | Path) -> Path:
         """Return a path of the scene as seen from the working directory."""
         return Path(path) if Path(path).is_absolute() else self._directory / path
+
+    @property
+    def file(self) -> Path | None:
+        """The scene file, None if the scene came as text."""
+        return self._file
+
+    def named_files(self, *sections: str) -> list[Path]:
+        """Return every file that sections name, as seen from the working directory, each once.
+
+        Parameters
+        ----------
+        *sections : str
+            Names of sections, such as ``"tooling"``; those that the scene does not have name nothing.
+        """
+        found = [path for section in sections for path in _paths_in(getattr(self, section, None))]
+        return list(dict.fromkeys(self.locate(path) for path in found))
 
     def require(self, section: str) -> Any:
         """Return a section.
@@ -83,3 +101,18 @@ class Scene(Section):
     def resolved(self) -> dict[str, Any]:
         """Return the scene with every default written out and every quantity in mm, s, g, Pa, ready for JSON."""
         return self.model_dump(mode="json")
+
+
+def _paths_in(value: Any) -> Iterator[Path]:
+    """Yield the paths in a section, however deep: a new key that names a file is found without being listed here."""
+    if isinstance(value, Path):
+        yield value
+    elif isinstance(value, BaseModel):
+        for name in type(value).model_fields:
+            yield from _paths_in(getattr(value, name))
+    elif isinstance(value, Mapping):
+        for inner in value.values():
+            yield from _paths_in(inner)
+    elif isinstance(value, list | tuple):
+        for inner in value:
+            yield from _paths_in(inner)

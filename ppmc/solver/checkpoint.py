@@ -27,6 +27,8 @@ class Checkpoint:
         Time reached and last step, s.
     frames : int
         Frames written so far.
+    constants : dict of str to float
+        What the run derived from its scene at the start.
     """
 
     state: ParticleState
@@ -38,6 +40,7 @@ class Checkpoint:
     time: float
     time_step: float
     frames: int
+    constants: dict[str, float]
 
 
 def checkpoint_paths(output: Path) -> tuple[Path, Path]:
@@ -62,32 +65,30 @@ def save_checkpoint(output: Path, checkpoint: Checkpoint, provenance: Provenance
         "time": float(checkpoint.time).hex(),
         "time_step": float(checkpoint.time_step).hex(),
         "frames": checkpoint.frames,
+        "constants": {name: float(value).hex() for name, value in checkpoint.constants.items()},
     }  # fmt: skip
     write_state(path, arrays, attributes, provenance=provenance)
     return path
 
 
-def load_checkpoint(output: Path, key: str) -> Checkpoint | None:
-    """Return the furthest checkpoint of the same scene, inputs and version (`key`), or None."""
-    best: Checkpoint | None = None
+def sound_checkpoints(output: Path) -> list[tuple[Checkpoint, Provenance]]:
+    """Return the checkpoints of an output that are whole, the furthest first, each with its origin."""
+    found = []
     for path in checkpoint_paths(output):
         if not path.exists():
             continue
         try:
             arrays, attributes, provenance = read_state(path)
-        except InputFileError:
-            continue  # damaged; the other one is there for that
-        if provenance.key != key:
-            continue
-        state = ParticleState(**_with_prefix(arrays, "state_"))
-        found = Checkpoint(
-            state, arrays["list_positions"], arrays["list_shape"], arrays["history"], arrays["forced"],
-            arrays["forced_speed"],
-            float.fromhex(attributes["time"]), float.fromhex(attributes["time_step"]), attributes["frames"],
-        )  # fmt: skip
-        if best is None or found.time > best.time:
-            best = found
-    return best
+            state = ParticleState(**_with_prefix(arrays, "state_"))
+            checkpoint = Checkpoint(
+                state, arrays["list_positions"], arrays["list_shape"], arrays["history"], arrays["forced"],
+                arrays["forced_speed"], float.fromhex(attributes["time"]), float.fromhex(attributes["time_step"]),
+                attributes["frames"], {k: float.fromhex(v) for k, v in attributes["constants"].items()},
+            )  # fmt: skip
+        except (InputFileError, KeyError, TypeError):
+            continue  # damaged, or of another version; the other one is there for that
+        found.append((checkpoint, provenance))
+    return sorted(found, key=lambda pair: pair[0].time, reverse=True)
 
 
 def remove_checkpoints(output: Path) -> None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from ppmc.command import command
 
@@ -14,7 +17,8 @@ def solve(
     *,
     input: Path | None = None,
     output: Path | None = None,
-    resume: bool = True,
+    restart: Annotated[bool, Parameter(negative="")] = False,
+    force: Annotated[bool, Parameter(negative="")] = False,
     max_walltime: str | None = None,
     threads: int | None = None,
 ) -> None:
@@ -32,8 +36,11 @@ def solve(
         Charge file; default runs/<name>/charge.vtkhdf.
     output : Path
         Flow history to write; default runs/<name>/flow.vtkhdf.
-    resume : bool
-        Go on from a checkpoint of the same scene and input.
+    restart : bool
+        Start over where an earlier run was stopped. Without it the run goes on from there, and a run of another scene
+        or input is refused; a later end_time, other outputs and another analysis make no other run.
+    force : bool
+        Replace an output that ppmc did not write as a flow.
     max_walltime : str
         Wall-clock limit, seconds or with a unit such as "30 min"; the run stops in time with a checkpoint (exit code
         75).
@@ -58,7 +65,14 @@ def solve(
         use_threads(threads)
     from ppmc.solver.stage import run
 
-    written = run(loaded, input=input or paths.charge, output=output or paths.flow, resume=resume, max_walltime=limit)
+    written = run(
+        loaded,
+        input=input or paths.charge,
+        output=output or paths.flow,
+        resume=not restart,
+        max_walltime=limit,
+        force=force,
+    )
     print(written)
 
 

@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from ppmc.errors import NumericalError, StoppedWithCheckpoint
-from ppmc.files import Provenance, SeriesWriter, write_state
+from ppmc.files import Provenance, SeriesWriter, growing_folder, write_state
 from ppmc.progress import Progress
-from ppmc.solver.checkpoint import Checkpoint, load_checkpoint, remove_checkpoints, save_checkpoint
+from ppmc.solver.checkpoint import Checkpoint, remove_checkpoints, save_checkpoint
 from ppmc.solver.explicit import ExplicitIntegrator
 from ppmc.solver.frames import Snapshot, field_names, frame
 from ppmc.solver.history import History
 from ppmc.solver.implicit import ImplicitIntegrator
 from ppmc.solver.model import Model, StepReport
+from ppmc.solver.resume import constants_of, where_to_go_on
 from ppmc.solver.state import ParticleState
 from ppmc.solver.stop_requests import StopRequests
 from ppmc.solver.time_step import event_times, fit_to_times, proposed_step
@@ -33,7 +34,7 @@ class Simulation:
     model : Model
     state : ParticleState
     output : Path
-        Final file; the growing file, checkpoints and the table of steps lie beside it.
+        Final file; the folder of frames, checkpoints and the table of steps lie beside it.
     provenance : Provenance
     """
 
@@ -77,22 +78,25 @@ class Simulation:
                     self._save()
                     last_save, requests.checkpoint = now, False
                 if requests.interrupted:
-                    raise KeyboardInterrupt
+                    raise KeyboardInterrupt(
+                        f"at t = {self.time:.6g} s, {self.writer.frames} frames and a checkpoint are written; "
+                        "the same command goes on from there"
+                    )
                 if requests.stop or expired:
                     reason = requests.stop or "the wall-clock limit"
                     raise StoppedWithCheckpoint(
                         f"stopped by {reason} at t = {self.time:.6g} s; the same command resumes there"
                     )
+        self._save()  # a disk too full for the complete file costs no more than room to be made
         self.writer.seal(self.output, self.history.by_column(), self._facts())
         remove_checkpoints(self.output)
         return self.output
 
     def _open(self, resume: bool) -> None:
-        partial = self.output.with_name(f"{self.output.stem}.partial{self.output.suffix}")
         table = self.output.with_name(f"{self.output.stem}.steps.csv")
         names = self.model.walls.tools.names
-        saved = load_checkpoint(self.output, self.provenance.key) if resume and partial.exists() else None
-        if saved is None:
+        going_on = where_to_go_on(self.output, self.model, self.provenance) if resume else None
+        if going_on is None:
             remove_checkpoints(self.output)
             self.integrator = self._make_integrator()
             self.time, self.step_size = 0.0, np.inf
@@ -105,12 +109,14 @@ class Simulation:
                 "volume": self.state.volume,
             }  # fmt: skip
             self.writer = SeriesWriter.create(
-                partial, len(self.state), {k: self.state.in_original_order(v) for k, v in static.items()},
+                growing_folder(self.output), len(self.state),
+                {k: self.state.in_original_order(v) for k, v in static.items()},
                 field_names(self.model), ("press_force", "mean_volume_ratio_error", "contacts"),
                 provenance=self.provenance,
             )  # fmt: skip
             self._write_frame()
             return
+        saved, self.writer = going_on
         self.state = saved.state
         self.integrator = self._make_integrator()
         self.integrator.list_shape = saved.list_shape
@@ -120,7 +126,6 @@ class Simulation:
         self.time, self.step_size = saved.time, saved.time_step
         self.report = StepReport()
         self.history = History(names, table, saved.history)
-        self.writer = SeriesWriter.resume(partial, saved.frames)
         print(f"resumed at t = {self.time:.6g} s, step {len(self.history.rows)}")
 
     def _make_integrator(self) -> ImplicitIntegrator:
@@ -208,7 +213,7 @@ class Simulation:
                 self.state, neighbours.positions, self.integrator.list_shape, self.history.table(),
                 self.model.walls.forced.displacement,
                 np.stack([self.model.walls.forced.speed, self.model.walls.forced.trend]),
-                self.time, self.step_size, self.writer.frames,
+                self.time, self.step_size, self.writer.frames, constants_of(self.model),
             ),
             self.provenance,
         )  # fmt: skip

@@ -3,13 +3,23 @@
 from pathlib import Path
 
 from ppmc.errors import SceneError
-from ppmc.files import Provenance, check_output, read_particles
+from ppmc.files import Claim, Provenance, check_output, is_product, one_writer, read_particles
 from ppmc.scene import Scene
+from ppmc.scene.depends import of_flow
 
 SECTIONS = ("tooling", "material", "solver")
 
 
-def run(scene: Scene, *, input: Path, output: Path, resume: bool = True, max_walltime: float | None = None) -> Path:
+@one_writer(lambda given: [Claim(given["output"])])
+def run(
+    scene: Scene,
+    *,
+    input: Path,
+    output: Path,
+    resume: bool = True,
+    max_walltime: float | None = None,
+    force: bool = False,
+) -> Path:
     """Compute the flow of a charge between its tools.
 
     Parameters
@@ -19,12 +29,14 @@ def run(scene: Scene, *, input: Path, output: Path, resume: bool = True, max_wal
     input : Path
         Charge file.
     output : Path
-        Flow history to write; until it is complete, ``<stem>.partial<suffix>``, two checkpoints and the live table
-        ``<stem>.steps.csv`` stand beside it.
+        Flow history to write; until it is complete, the folder ``<stem>.partial`` of frames, two checkpoints and the
+        live table ``<stem>.steps.csv`` stand beside it.
     resume : bool
-        Go on from the last checkpoint of the same scene, input and version, if there is one.
+        Go on from the last checkpoint, if there is one; a run of another scene, input or version is refused then.
     max_walltime : float, optional
         Wall-clock limit, s; the run then stops with a checkpoint.
+    force : bool
+        Replace an output that is no flow of ppmc.
 
     Returns
     -------
@@ -34,11 +46,14 @@ def run(scene: Scene, *, input: Path, output: Path, resume: bool = True, max_wal
     Raises
     ------
     SceneError
-        If a section is missing, the charge starts inside a tool, or it has no room in the closed cavity.
+        If a section is missing, an unfinished run at `output` is another one, the charge starts inside a tool, or it
+        has no room in the closed cavity.
     InputFileError
         If the charge file is missing or damaged.
     NumericalError
         If the flow stops being finite; the state is dumped beside the output.
+    StorageError
+        If another process is writing the output, or it cannot be written.
     StoppedWithCheckpoint
         On SIGTERM or the wall-clock limit.
     """
@@ -50,8 +65,9 @@ def run(scene: Scene, *, input: Path, output: Path, resume: bool = True, max_wal
     if max_walltime is not None and max_walltime <= 0.0:
         raise SceneError(f"the wall-clock limit must be positive, not {max_walltime} s")
     charge = read_particles(input, "charge")
-    check_output(output, [input])
+    depends = of_flow(scene, input)
+    check_output(output, [*depends.inputs, scene.file], is_own=is_product("flow"), force=force)
     model, state = prepare(scene, charge)
     check_room(model, charge, input)
-    provenance = Provenance.collect("ppmc.solver", scene, SECTIONS, [input], scene.seed)
+    provenance = Provenance.of(scene, depends)
     return Simulation(model, state, output, provenance).run(resume, max_walltime)

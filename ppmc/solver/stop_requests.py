@@ -1,10 +1,12 @@
-"""Requests from outside: Ctrl-C, SIGTERM and a time limit stop with a checkpoint, SIGUSR1 asks for one."""
+"""Requests from outside: Ctrl-C, SIGTERM, SIGHUP and a time limit stop with a checkpoint, SIGUSR1 asks for one."""
 
 import signal
 import threading
 import time
 from types import FrameType, TracebackType
 from typing import Any
+
+from ppmc.interrupts import end_at_once
 
 
 class StopRequests:
@@ -31,7 +33,9 @@ class StopRequests:
 
     def __enter__(self) -> "StopRequests":
         if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1):
+                if signal.getsignal(number) is signal.SIG_IGN:
+                    continue  # nohup, or a shell that keeps Ctrl-C from its background jobs
                 self._previous[number] = signal.signal(number, self._note)
         return self
 
@@ -52,4 +56,4 @@ class StopRequests:
         self.stop = signal.Signals(number).name
         self.interrupted = number == signal.SIGINT
         if self.interrupted:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+            signal.signal(signal.SIGINT, end_at_once)

@@ -8,11 +8,10 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -57,40 +56,9 @@ def same_frame(got: dict[str, np.ndarray], k: int, n: int = N) -> None:
         assert np.array_equal(got[name].reshape(values.shape), values), name
 
 
-@contextmanager
-def held_open(path: Path) -> Iterator[None]:
-    """As by a viewer: HDF5 takes a shared lock on what it reads."""
-    with path.open("rb") as handle:
-        fcntl.flock(handle, fcntl.LOCK_SH)
-        yield
-
-
-def test_a_frame_waits_while_a_viewer_holds_the_file(tmp_path: Path) -> None:
-    writer = grow(tmp_path / "flow.partial.vtkhdf", 1)
-    x, fields = frame(1)
-    late = threading.Thread(target=writer.append, args=(0.1, x, fields, {"press_force": 1.0}))
-    with held_open(writer.path):
-        late.start()
-        time.sleep(0.5)
-        assert writer.frames == 1
-    late.join()
-    assert writer.frames == 2
-    with open_series(writer.path, "flow") as flow:
-        same_frame(flow.frame(1), 1)
-
-
-def test_a_viewer_that_never_lets_go_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ppmc.files.growing.LOCKED_SECONDS", 0.0)
-    writer = grow(tmp_path / "flow.partial.vtkhdf", 1)
-    x, fields = frame(1)
-    with held_open(writer.path), pytest.raises(StorageError, match=r"flow\.partial\.vtkhdf: another program"):
-        writer.append(0.1, x, fields, {"press_force": 1.0})
-    assert writer.frames == 1
-
-
 @pytest.mark.parametrize("sealed", [False, True])
 def test_round_trip(tmp_path: Path, sealed: bool) -> None:
-    path = tmp_path / "flow.partial.vtkhdf"
+    path = tmp_path / "flow.partial"
     writer = grow(path, 4)
     if sealed:
         final = tmp_path / "flow.vtkhdf"
@@ -119,7 +87,7 @@ def test_equal_work_gives_equal_bytes(tmp_path: Path) -> None:
 
 
 def test_resume_drops_frames_past_the_checkpoint(tmp_path: Path) -> None:
-    path = tmp_path / "flow.partial.vtkhdf"
+    path = tmp_path / "flow.partial"
     grow(path, 5)
     writer = SeriesWriter.resume(path, frames=3)
     x, fields = frame(7)
@@ -128,44 +96,104 @@ def test_resume_drops_frames_past_the_checkpoint(tmp_path: Path) -> None:
         assert len(flow.times) == 4
         same_frame(flow.frame(2), 2)
         same_frame(flow.frame(3), 7)
-    with pytest.raises(InputFileError, match="holds 4 frames, the checkpoint goes with 9"):
+    with pytest.raises(InputFileError, match="holds 4 sound frames, the checkpoint goes with 9"):
         SeriesWriter.resume(path, frames=9)
 
 
-@pytest.mark.parametrize("sealed", [False, True])
-def test_vtk_reads_every_step(tmp_path: Path, sealed: bool) -> None:
-    from vtkmodules.util.numpy_support import vtk_to_numpy
+def vtk_steps(path: Path) -> Iterator[Any]:
+    """Yield the mesh of each time step as VTK reads it."""
     from vtkmodules.vtkIOHDF import vtkHDFReader
 
-    path = tmp_path / "flow.vtkhdf"
-    writer = grow(path if not sealed else tmp_path / "growing.vtkhdf", 3)
-    if sealed:
-        writer.seal(path)
     reader = vtkHDFReader()
     reader.SetFileName(str(path))
     reader.UpdateInformation()
-    assert reader.GetNumberOfSteps() == 3
-    for k in range(3):
+    for k in range(max(1, reader.GetNumberOfSteps())):
         reader.SetStep(k)
         reader.Update()
-        mesh = reader.GetOutput()
-        x, fields = frame(k)
-        assert np.array_equal(vtk_to_numpy(mesh.GetPoints().GetData()), x)
-        for name, values in fields.items():
-            got = vtk_to_numpy(mesh.GetPointData().GetArray(name))
-            assert np.array_equal(got.reshape(values.shape), values), name
-        assert np.array_equal(vtk_to_numpy(mesh.GetPointData().GetArray("platelet_id")), np.arange(N))
-        assert mesh.GetPointData().GetVectors().GetName() == "fibre_direction"
+        yield reader.GetOutput()
+
+
+def same_in_vtk(mesh: Any, k: int) -> None:
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    x, fields = frame(k)
+    assert np.array_equal(vtk_to_numpy(mesh.GetPoints().GetData()), x)
+    for name, values in fields.items():
+        got = vtk_to_numpy(mesh.GetPointData().GetArray(name))
+        assert np.array_equal(got.reshape(values.shape), values), name
+    assert np.array_equal(vtk_to_numpy(mesh.GetPointData().GetArray("platelet_id")), np.arange(N))
+    assert mesh.GetPointData().GetVectors().GetName() == "fibre_direction"
+    assert mesh.GetNumberOfVerts() == N
+
+
+def test_vtk_reads_every_step(tmp_path: Path) -> None:
+    grow(tmp_path / "flow.partial", 3).seal(tmp_path / "flow.vtkhdf")
+    meshes = list(vtk_steps(tmp_path / "flow.vtkhdf"))
+    assert len(meshes) == 3
+    for k, mesh in enumerate(vtk_steps(tmp_path / "flow.vtkhdf")):
+        same_in_vtk(mesh, k)
+
+
+def test_vtk_and_pyvista_watch_a_run_that_grows(tmp_path: Path) -> None:
+    import pyvista
+
+    writer = grow(tmp_path / "flow.partial", 2)
+    for frames in (2, 3):
+        reader = pyvista.get_reader(tmp_path / "flow.partial" / "flow.vtkhdf.series")
+        assert reader.time_values == [0.1 * k for k in range(frames)]
+        for k in range(frames):
+            reader.set_active_time_point(k)
+            mesh = reader.read()
+            assert np.array_equal(mesh["velocity"], frame(k)[1]["velocity"])
+            (seen,) = vtk_steps(tmp_path / "flow.partial" / f"frame_{k:06d}.vtkhdf")
+            same_in_vtk(seen, k)
+        x, fields = frame(frames)
+        writer.append(0.1 * frames, x, fields, {"press_force": 2.0})
+
+
+def test_a_viewer_that_holds_a_frame_keeps_nobody_waiting(tmp_path: Path) -> None:
+    """HDF5 takes a shared lock on what it reads; no frame is ever opened for writing again."""
+    writer = grow(tmp_path / "flow.partial", 1)
+    with (tmp_path / "flow.partial" / "frame_000000.vtkhdf").open("rb") as held:
+        fcntl.flock(held, fcntl.LOCK_SH)
+        x, fields = frame(1)
+        writer.append(0.1, x, fields, {"press_force": 1.0})
+        writer.seal(tmp_path / "flow.vtkhdf")
+    with open_series(tmp_path / "flow.vtkhdf", "flow") as flow:
+        same_frame(flow.frame(1), 1)
 
 
 def test_pyvista_reads_it(tmp_path: Path) -> None:
     import pyvista
 
     path = tmp_path / "flow.vtkhdf"
-    grow(tmp_path / "growing.vtkhdf", 2).seal(path)
+    grow(tmp_path / "growing", 2).seal(path)
     mesh = pyvista.read(path)
     assert mesh.n_points == N
     assert mesh["fibre_direction"].shape == (N, 3)
+
+
+def test_a_folder_of_others_is_not_emptied(tmp_path: Path) -> None:
+    (tmp_path / "flow.partial").mkdir()
+    (tmp_path / "flow.partial" / "thesis.txt").write_text("years of work")
+    with pytest.raises(StorageError, match=r"thesis\.txt, which is not ppmc's"):
+        grow(tmp_path / "flow.partial", 1)
+    assert (tmp_path / "flow.partial" / "thesis.txt").read_text() == "years of work"
+
+
+@pytest.mark.parametrize("name", ["frame_000001.vtkhdf", "header.vtkhdf"])
+def test_a_damaged_frame_is_found_on_resume_and_when_sealing(tmp_path: Path, name: str) -> None:
+    writer = grow(tmp_path / "flow.partial", 3)
+    path = tmp_path / "flow.partial" / name
+    data = bytearray(path.read_bytes())
+    data[-(len(data) // 3)] ^= 4
+    path.write_bytes(data)
+    with pytest.raises(InputFileError, match=rf"{name}: .*(digest|damaged)"):
+        writer.seal(tmp_path / "flow.vtkhdf")
+    assert not (tmp_path / "flow.vtkhdf").exists()
+    if name != "header.vtkhdf":
+        with pytest.raises(InputFileError, match="holds 1 sound frames"):
+            SeriesWriter.resume(tmp_path / "flow.partial", 3)
 
 
 WRITER = """
@@ -189,7 +217,7 @@ def test_killed_writer_leaves_every_finished_frame_readable(tmp_path: Path) -> N
     rng = np.random.default_rng(5)
     n = 4000
     for kill in range(20):
-        path = tmp_path / f"killed-{kill}.vtkhdf"
+        path = tmp_path / f"killed-{kill}"
         command = [sys.executable, "-c", WRITER, __file__, str(path)]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
             assert process.stdout is not None
@@ -223,7 +251,7 @@ def test_provenance_is_kept(tmp_path: Path) -> None:
     source = tmp_path / "in.txt"
     source.write_text("x")
     origin = Provenance.collect("ppmc.test", inputs=[source, None], seed=5)
-    path = tmp_path / "flow.vtkhdf"
+    path = tmp_path / "flow.partial"
     writer = SeriesWriter.create(path, N, static(), FIELDS, provenance=origin)
     x, fields = frame(0)
     writer.append(0.0, x, fields)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 from ppmc.command import command
 
@@ -18,6 +20,7 @@ def part(
     output: Path | None = None,
     mesh: Path | None = None,
     mesh_size: float = 2.0,
+    force: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Write the scene of a parametric part: tools with motion, charge, inspection regions, from volume balance.
 
@@ -38,6 +41,8 @@ def part(
         Structural mesh of the closed part to write too, .vtu or Abaqus .inp.
     mesh_size : float
         Element size of that mesh, mm.
+    force : bool
+        Replace files that this command did not write.
 
     Examples
     --------
@@ -46,6 +51,7 @@ def part(
     ppmc part pin_bracket --set hole_diameter=9.525 --set flanges=minus --mesh bracket.inp
     """
     from ppmc.files import check_output, whole_file
+    from ppmc.files.storage import is_text_with
     from ppmc.geometry.parts.scene_text import make_part, scene_text
 
     made = make_part(name, set or [])
@@ -53,12 +59,13 @@ def part(
     if output is None:
         print(text, end="")
     else:
-        check_output(output)
+        check_output(output, is_own=is_text_with(b"Made by `ppmc part`"), force=force)
         with whole_file(output) as temporary:
             temporary.write_text(text, encoding="utf-8")
         print(f"{output}: charge and cavity {made.charge_volume:.6g} mm^3, stroke {made.stroke:.4g} mm")
     if mesh is not None:
-        check_output(mesh)
+        check_output(mesh, [output], is_own=is_text_with(b"meshio"), force=force)
         bricks = made.mesh(mesh_size)
-        bricks.write(mesh)
+        with whole_file(mesh) as temporary:
+            bricks.write(temporary, mesh.suffix)
         print(f"{mesh}: {len(bricks.bricks):,} bricks, {bricks.volumes().sum():.6g} mm^3")

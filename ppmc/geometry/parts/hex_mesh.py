@@ -62,11 +62,12 @@ class HexMesh:
         triangles = np.concatenate([outer[:, [0, 1, 2]], outer[:, [0, 2, 3]]])
         return closed_surface(self.points, triangles, name="cavity", check_crossing=False, check_size=False)
 
-    def write(self, path: str | Path) -> None:
-        """Write the mesh with meshio, such as VTU or Abaqus .inp (C3D8)."""
+    def write(self, path: str | Path, ending: str | None = None) -> None:
+        """Write the mesh with meshio, such as VTU or Abaqus .inp (C3D8), chosen by `ending` or that of the path."""
         import meshio
 
-        meshio.Mesh(self.points, [("hexahedron", self.bricks)]).write(Path(path))
+        formats = meshio.extension_to_filetypes[(ending or Path(path).suffix).lower()]
+        meshio.Mesh(self.points, [("hexahedron", self.bricks)]).write(Path(path), file_format=formats[0])
 
 
 def swept_bricks(sections: FloatArray, quads: IntArray) -> HexMesh:
