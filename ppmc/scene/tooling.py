@@ -303,7 +303,7 @@ class MeshTool(ToolBase):
     file: Path = Field(examples=["tools/ram.stl"])
     """STL, OBJ, PLY or VTU file, relative to the scene."""
     unit: Literal["mm", "m", "cm", "um", "inch"] | None = Field(default=None, examples=["mm"])
-    """Unit of the file's coordinates; without it mm is taken and an implausible size is refused."""
+    """Unit of the file's coordinates; without it mm is taken, and a size that speaks for another unit is told."""
     scale: float = Field(default=1.0, gt=0)
     """Further factor on the coordinates."""
     origin: LengthVector = Field(default=(0.0, 0.0, 0.0), examples=[[0, 0, 0]])
