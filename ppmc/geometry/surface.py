@@ -110,11 +110,10 @@ def closed_surface(
     faces = np.array(triangles, dtype=np.int64).reshape(-1, 3)
     check_vertices(vertices, faces, name)
     vertices, faces = merge_vertices(vertices, faces)
-    if check_size:
-        doubt = doubtful_scale(vertices, name)
-        if doubt is not None:
-            notice(doubt)
     check_closed(vertices, faces, name, crossing=check_crossing)
+    doubt = doubtful_scale(vertices, name) if check_size else None
+    if doubt is not None:
+        notice(doubt)
     return ClosedSurface(vertices, faces, name)
 
 

@@ -248,6 +248,7 @@ def test_what_programs_really_write_is_the_same_cuboid(name: str, data: bytes, t
 @pytest.mark.parametrize(
     ("name", "data", "message"),
     [
+        ("points.stl", binary_stl()[:80] + np.uint32(1).tobytes() + bytes(50), "all triangles are degenerate"),
         ("short.stl", binary_stl()[:-3], "announces 12 triangles .* has 681 bytes"),
         ("two.stl", binary_stl() + binary_stl(), "more than one solid"),
         ("none.stl", binary_stl(count=0), "announces 0 triangles"),
