@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
-import struct
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ppmc.errors import InputFileError
 from ppmc.geometry.crossings import Columns, points_in_mesh, sort_into_columns
 from ppmc.geometry.distance import as_points
-from ppmc.geometry.surface_checks import check_closed, check_scale, check_vertices
+from ppmc.geometry.surface_checks import check_closed, check_vertices, doubtful_scale
+from ppmc.geometry.surface_files import read_triangles
+from ppmc.notices import notice
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 MILLIMETRES = {"mm": 1.0, "m": 1000.0, "cm": 10.0, "um": 1e-3, "inch": 25.4}
-SUFFIXES = (".stl", ".obj", ".ply", ".vtu")
-MOST_TRIANGLES = 20_000_000
 
 
 @dataclass(frozen=True)
@@ -102,7 +96,7 @@ def closed_surface(
     name : str
         What to call it in messages, usually the file.
     check_size : bool
-        Refuse a size that speaks for another unit than mm.
+        Tell a size that speaks for another unit than mm.
     check_crossing : bool
         Look for triangles that cross each other.
 
@@ -110,15 +104,16 @@ def closed_surface(
     ------
     InputFileError
         If there are no triangles, a vertex is not finite, or the surface is open, not manifold, inconsistently
-        oriented, inside out, without volume, crosses itself, or is of an implausible size.
+        oriented, inside out, without volume, or crosses itself.
     """
     vertices = np.array(points, dtype=float).reshape(-1, 3)
     faces = np.array(triangles, dtype=np.int64).reshape(-1, 3)
     check_vertices(vertices, faces, name)
     vertices, faces = merge_vertices(vertices, faces)
-    if check_size:
-        check_scale(vertices, name)
     check_closed(vertices, faces, name, crossing=check_crossing)
+    doubt = doubtful_scale(vertices, name) if check_size else None
+    if doubt is not None:
+        notice(doubt)
     return ClosedSurface(vertices, faces, name)
 
 
@@ -171,7 +166,7 @@ def read_surface(path: str | Path, *, unit: str | None = None, scale: float = 1.
     path : str or Path
         STL (text or binary), OBJ, PLY or VTU file of triangles or quadrilaterals.
     unit : {"mm", "m", "cm", "um", "inch"}, optional
-        Unit of the file's coordinates. Without it mm is taken and an implausible size is refused.
+        Unit of the file's coordinates. Without it mm is taken, and a size that speaks for another unit is told.
     scale : float
         Further factor on the coordinates.
 
@@ -186,84 +181,6 @@ def read_surface(path: str | Path, *, unit: str | None = None, scale: float = 1.
         If the file is missing, damaged, or not a closed surface; see `closed_surface`.
     """
     path = Path(path)
-    points, triangles = _read_triangles(path)
+    points, triangles = read_triangles(path)
     factor = MILLIMETRES[unit or "mm"] * scale
     return closed_surface(points * factor, triangles, name=str(path), check_size=unit is None)
-
-
-def _read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
-    """Return vertices and triangles as they stand in the file."""
-    if not path.is_file():
-        raise InputFileError(f"{path}: no such surface file; the path is taken from the scene's folder")
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputFileError(f"{path}: surfaces are read from {', '.join(SUFFIXES)}, not '{path.suffix}'; convert it")
-    if path.stat().st_size == 0:
-        raise InputFileError(f"{path}: the file is empty; export the surface again")
-    if path.suffix.lower() == ".stl":
-        _check_stl_length(path)
-    if path.suffix.lower() == ".ply":
-        _check_ply_header(path)
-    import meshio
-
-    said = io.StringIO()
-    try:
-        # meshio prints and leaves the process on some damaged files, and overflows while it looks at text STL.
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)
-            mesh = meshio.read(path)
-    except (Exception, SystemExit) as error:
-        reason = str(error) if str(error) not in ("", "1") else " ".join(said.getvalue().split())
-        raise InputFileError(
-            f"{path}: not a readable {path.suffix[1:].upper()} file ({reason or type(error).__name__}); "
-            "export the surface again as triangles"
-        ) from None
-    return _triangles_of(mesh, path)
-
-
-def _check_stl_length(path: Path) -> None:
-    """Refuse a binary STL whose length does not fit the number of triangles in its header."""
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        head = file.read(1024)
-    if head.lstrip()[:5] == b"solid" and b"facet" in head:
-        return
-    if len(head) < 84:
-        raise InputFileError(f"{path}: {size} bytes are no STL file (a binary one has at least 84); export it again")
-    count = struct.unpack("<I", head[80:84])[0]
-    if count > MOST_TRIANGLES or 84 + 50 * count != size:
-        raise InputFileError(
-            f"{path}: the header announces {count:,} triangles ({84 + 50 * count:,} bytes) but the file has {size:,} "
-            "bytes; it is truncated or no STL file: export it again"
-        )
-
-
-def _check_ply_header(path: Path) -> None:
-    """Refuse a PLY file whose header does not end; meshio would wait for its end for ever."""
-    with path.open("rb") as file:
-        head = file.read(65536)
-    if not head.startswith(b"ply") or b"end_header" not in head:
-        raise InputFileError(f"{path}: not a PLY file with a complete header; export the surface again")
-
-
-def _triangles_of(mesh: Any, path: Path) -> tuple[FloatArray, IntArray]:
-    """Return the vertices and triangles of a meshio mesh; quadrilaterals are split."""
-    found: list[IntArray] = []
-    for block in mesh.cells:
-        cells = np.asarray(block.data) if block.type in ("triangle", "quad") else None
-        if block.type == "triangle":
-            found.append(np.asarray(cells, dtype=np.int64))
-        elif block.type == "quad":
-            quads = np.asarray(cells, dtype=np.int64)
-            found += [quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]
-        elif block.type not in ("vertex", "line"):
-            raise InputFileError(
-                f"{path}: holds {len(block.data)} cells of type '{block.type}'; "
-                "a surface needs triangles: extract the outer surface and export that"
-            )
-    points = np.asarray(mesh.points, dtype=float)
-    if points.size == 0:
-        raise InputFileError(f"{path}: holds no vertices and no triangles; export the surface again as a triangle mesh")
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise InputFileError(f"{path}: vertices have {points.shape[-1]} coordinates; a surface in space needs three")
-    triangles = np.concatenate(found) if found else np.zeros((0, 3), dtype=np.int64)
-    return points, triangles

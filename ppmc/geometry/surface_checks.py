@@ -32,15 +32,15 @@ def check_vertices(points: FloatArray, triangles: IntArray, name: str) -> None:
         )
 
 
-def check_scale(points: FloatArray, name: str) -> None:
-    """Refuse a size that is no mould part in mm."""
+def doubtful_scale(points: FloatArray, name: str) -> str | None:
+    """Return a doubt about a size that is no mould part in mm, else None; a guess is no reason to refuse."""
     longest = float(np.ptp(points, axis=0).max())
     if SMALLEST_PLAUSIBLE <= longest <= LARGEST_PLAUSIBLE:
-        return
+        return None
     guess = "m" if longest < SMALLEST_PLAUSIBLE else "um"
-    raise InputFileError(
-        f"{name}: its longest side would be {longest:.4g} mm, which is implausible; the coordinates look like {guess}. "
-        f"Set `unit: {guess}` (or `unit: mm` if {longest:.4g} mm is meant)"
+    return (
+        f"{name}: read in mm, as the scene gives no unit; its longest side is then {longest:.4g} mm. "
+        f"If the coordinates are in {guess}, set `unit: {guess}`; `unit: mm` says that they are not"
     )
 
 

@@ -17,6 +17,9 @@ from ppmc.scene.scene import Scene
 MOST_BYTES = 1_000_000
 MOST_ERRORS_SHOWN = 8
 
+TAGS = ("shape", "source", "model", "kind")
+"""Keys that say which of several sections is meant."""
+
 Location = tuple[int | str, ...]
 
 
@@ -70,7 +73,7 @@ def parse_scene(text: str, path: Path = Path("scene.yaml")) -> Scene:
         scene = Scene.model_validate(data)
     except ValidationError as error:
         # A value that stands for three axes is refused three times in the same words.
-        shown = list(dict.fromkeys(_explain(e, lines, path) for e in error.errors(include_url=False)))
+        shown = _explain_all(error, data, lines, path)
         if len(shown) > MOST_ERRORS_SHOWN:
             shown[MOST_ERRORS_SHOWN:] = [f"... and {len(shown) - MOST_ERRORS_SHOWN} more problems"]
         raise SceneError("\n".join(shown)) from None
@@ -129,27 +132,68 @@ def _note_lines(node: Any, here: Location, lines: dict[Location, int]) -> None:
             _note_lines(value, (*here, i), lines)
 
 
-def _explain(error: Any, lines: dict[Location, int], path: Path) -> str:
+def _explain_all(error: ValidationError, data: Any, lines: dict[Location, int], path: Path) -> list[str]:
+    """Return a line for each problem; a key that is missing because it is misspelt is one problem, not two."""
+    found = error.errors(include_url=False)
+    misspelt = {
+        (*e["loc"][:-1], near) for e in found if e["type"] == "extra_forbidden" and (near := _near_key(e["loc"])[0])
+    }
+    kept = [e for e in found if not (e["type"] == "missing" and e["loc"] in misspelt)]
+    return list(dict.fromkeys(_explain(e, data, lines, path) for e in kept))
+
+
+def _near_key(loc: Location) -> tuple[str | None, list[str]]:
+    """Return the known key that an unknown one is nearest to, if any, and all that are known there."""
+    known = sorted({f for m in _models_at(loc[:-1]) for f in m.model_fields})
+    near = difflib.get_close_matches(str(loc[-1]), known, n=1)
+    return (near[0] if near else None), known
+
+
+def _place(loc: Location, value: Any, data: Any, lines: dict[Location, int]) -> Location:
+    """Return where in the file a validation error stands.
+
+    pydantic puts the tag of a tagged union into the location, and a tag may be spelt like a key beside the one that
+    is meant (``motion`` of the kind ``velocity`` has a key ``velocity``). Of all ways to leave parts out, that one is
+    right which ends at the value complained about; then the one that uses most parts.
+    """
+    best: tuple[bool, int, Location] = (False, 0, ())
+
+    def walk(here: Location, at: Any, rest: Location) -> None:
+        nonlocal best
+        score = (at is value, len(here), here)
+        if score[:2] > best[:2]:
+            best = score
+        for k, part in enumerate(rest):
+            if (*here, part) in lines and isinstance(at, dict | list):
+                try:
+                    below = at[part]  # type: ignore[index]
+                except (KeyError, IndexError, TypeError):
+                    continue
+                walk((*here, part), below, rest[k + 1 :])
+
+    walk((), data, loc)
+    return best[2]
+
+
+def _explain(error: Any, data: Any, lines: dict[Location, int], path: Path) -> str:
     """Return one line for one validation error."""
-    # pydantic puts the tag of a tagged union into the location; the file has no such key.
-    key: Location = ()
-    line = lines.get((), 1)
-    for part in error["loc"]:
-        if (*key, part) in lines:
-            key = (*key, part)
-            line = lines[key]
-    kind, last = error["type"], error["loc"][-1] if error["loc"] else ""
+    loc, kind, value = error["loc"], error["type"], error.get("input")
+    key = _place(loc, value, data, lines)
+    line = lines.get(key, lines.get((), 1))
     name = ".".join(str(k) for k in key)
     if kind == "extra_forbidden":
-        known = sorted({f for m in _models_at(error["loc"][:-1]) for f in m.model_fields})
-        near = difflib.get_close_matches(str(last), known, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else f"; known here: {', '.join(known)}" if known else ""
+        near, known = _near_key(loc)
+        hint = f"; did you mean '{near}'?" if near else f"; known here: {', '.join(known)}" if known else ""
         return f"{path}:{line}: {name}: unknown key{hint}"
     if kind == "missing":
         where = f"{name}." if name else ""
-        return f"{path}:{line}: {where}{last}: this key is required"
+        return f"{path}:{line}: {where}{loc[-1]}: this key is required"
     message = error["msg"].removeprefix("Value error, ")
-    value = error.get("input")
+    if (kind.startswith("union_tag") or kind == "tool_shape") and isinstance(value, dict):
+        tag = next((t for t in TAGS if difflib.get_close_matches(t, map(str, set(value) - set(TAGS)), n=1)), None)
+        slips = difflib.get_close_matches(tag, map(str, value), n=1) if tag else []
+        if slips and tag not in value:
+            return f"{path}:{lines.get((*key, slips[0]), line)}: {name}.{slips[0]}: unknown key; did you mean '{tag}'?"
     told = not isinstance(value, str | int | float) or str(value).lower() in message.lower()
     got = "" if told else f" (got {value!r})"
     return f"{path}:{line}: {name or 'scene'}: {message}{got}"

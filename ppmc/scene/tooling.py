@@ -6,6 +6,7 @@ the shape, which is a cavity or a hole. The drawn position is the position at ti
 
 from __future__ import annotations
 
+import difflib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -86,12 +87,20 @@ class ForceMotion(Section):
     """Distance after which the tool meets its stop, mm; without it there is no stop."""
 
 
+MOTION_KEYS = (("velocity", "velocity"), ("times", "table"), ("displacements", "table"), ("force", "force"))
+
+
 def _motion_kind(value: Any) -> str | None:
     """Return which motion is meant, from the key that only this motion has."""
     keys = value if isinstance(value, dict) else getattr(value, "__pydantic_fields__", {})
-    for key, kind in (("velocity", "velocity"), ("times", "table"), ("displacements", "table"), ("force", "force")):
+    for key, kind in MOTION_KEYS:
         if key in keys:
             return kind
+    # A misspelt key still tells which motion is meant; the message is then about that key.
+    for name in map(str, keys):
+        for key, kind in MOTION_KEYS:
+            if difflib.get_close_matches(name, [key], n=1):
+                return kind
     return "fixed"
 
 
@@ -294,7 +303,7 @@ class MeshTool(ToolBase):
     file: Path = Field(examples=["tools/ram.stl"])
     """STL, OBJ, PLY or VTU file, relative to the scene."""
     unit: Literal["mm", "m", "cm", "um", "inch"] | None = Field(default=None, examples=["mm"])
-    """Unit of the file's coordinates; without it mm is taken and an implausible size is refused."""
+    """Unit of the file's coordinates; without it mm is taken, and a size that speaks for another unit is told."""
     scale: float = Field(default=1.0, gt=0)
     """Further factor on the coordinates."""
     origin: LengthVector = Field(default=(0.0, 0.0, 0.0), examples=[[0, 0, 0]])

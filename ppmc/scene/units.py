@@ -1,27 +1,19 @@
 """Quantities in scenes: plain numbers in mm, s, g, Pa, or strings such as ``"6 mm"`` and ``"1.31 GPa"``.
 
+How such a string is read is in `ppmc.scene.quantity`.
+
 Each type below is a float after validation, in ppmc's units: mm, s, g, Pa (1 Pa = 1 g/(mm s^2)); angles in degrees.
 """
 
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
-if TYPE_CHECKING:
-    import pint
-
-
-@lru_cache(maxsize=1)
-def _registry() -> pint.UnitRegistry:
-    """Return pint's registry; half a second to build, so made at the first unit string only."""
-    import pint
-
-    return pint.UnitRegistry()
+from ppmc.scene.quantity import QuantityError, parse_quantity
 
 
 def to_base(value: Any, unit: str) -> float:
@@ -37,26 +29,22 @@ def to_base(value: Any, unit: str) -> float:
     Raises
     ------
     PydanticCustomError
-        If the text is no quantity, or has another dimension.
+        If the text is not one number and one unit, or has another dimension; with what was probably meant.
     """
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         shown = str(value).lower() if isinstance(value, bool) else type(value).__name__
         raise _refusal("expected a number or a quantity such as '1 {unit}', got {value}", shown, unit)
     if not isinstance(value, str):
         return float(value)
-    import pint
-
     try:
-        quantity: Any = _registry().Quantity(value)
-        if quantity.unitless:
-            return float(quantity.magnitude)
-        return float(quantity.to(unit).magnitude)
-    except pint.DimensionalityError as error:
-        message = f"'{{value}}' has the wrong dimension: expected {{unit}}, got {error.units1}"
-        raise _refusal(message, value, unit) from None
-    except Exception:
-        # pint passes on whatever its tokenizer and evaluator stumble over.
-        raise _refusal("'{value}' is not a quantity; write for example '1 {unit}'", value, unit) from None
+        return parse_quantity(value, unit)
+    except QuantityError as error:
+        raise _refusal(f"'{{value}}' {_escaped(str(error))}", value, unit) from None
+
+
+def _escaped(text: str) -> str:
+    """Return a text that pydantic's message template leaves as it is."""
+    return text.replace("{", "(").replace("}", ")")
 
 
 def _refusal(message: str, value: str, unit: str) -> PydanticCustomError:

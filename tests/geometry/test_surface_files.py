@@ -124,8 +124,6 @@ def faulty(kind: str, facets: np.ndarray, path: Path) -> Path:
         ("inverted", "inside out"),
         ("one flipped", "disagree in orientation at 3 edges"),
         ("doubled face", "not manifold: 3 edges"),
-        ("metres", "unit: m`"),
-        ("micrometres", "unit: um`"),
         ("crossing", "crosses itself"),
         ("inverted second body", "body 2 of 2"),
         ("flat", "not manifold"),
@@ -160,6 +158,112 @@ def test_missing_file_and_volume_cells(tmp_path: Path) -> None:
     pyvista.save_meshio(tmp_path / "solid.vtu", pyvista.ImageData(dimensions=(3, 3, 3)).cast_to_unstructured_grid())
     with pytest.raises(InputFileError, match="needs triangles"):
         read_surface(tmp_path / "solid.vtu")
+
+
+@pytest.mark.parametrize(("kind", "unit"), [("metres", "m"), ("micrometres", "um")])
+def test_a_size_that_speaks_for_another_unit_is_told_and_read(
+    kind: str, unit: str, tmp_path: Path, facets: np.ndarray, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = faulty(kind, facets, tmp_path / f"{kind}.stl")
+    factor = {"m": 1e-9, "um": 1e9}[unit]
+    assert read_surface(path).volume == pytest.approx(6000.0 * factor, rel=1e-5)
+    assert f"set `unit: {unit}`" in capsys.readouterr().err
+    read_surface(path, unit="mm")
+    assert capsys.readouterr().err == ""
+
+
+CUBE = np.array([[x, y, z] for x in (0, 10) for y in (0, 8) for z in (0, 6)], dtype=float)
+QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+SPLIT = [t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))]
+
+
+def text_stl(end: str = "\n") -> str:
+    lines = ["solid cube"]
+    for t in SPLIT:
+        lines += ["  facet normal 0 0 0", "    outer loop"]
+        lines += [f"      vertex {' '.join(f'{v:.6e}' for v in CUBE[i])}" for i in t]
+        lines += ["    endloop", "  endfacet"]
+    return end.join([*lines, "endsolid cube", ""])
+
+
+def binary_stl(header: bytes = b"binary", count: int = len(SPLIT)) -> bytes:
+    records = np.zeros(len(SPLIT), dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
+    records["v"] = CUBE[np.array(SPLIT)]
+    return header.ljust(80) + np.uint32(count).tobytes() + records.tobytes()
+
+
+def text_obj(faces: str, extra: str = "", colour: str = "") -> bytes:
+    return ("".join(f"v {x} {y} {z}{colour}\n" for x, y, z in CUBE.tolist()) + extra + faces).encode()
+
+
+def faces(form: str, shift: int = 1) -> str:
+    return "".join("f " + " ".join(form.format(i + shift) for i in quad) + "\n" for quad in QUADS)
+
+
+def text_ply(name: str = "vertex_indices", end: str = "\n") -> bytes:
+    head = ["ply", "format ascii 1.0", "element vertex 8", *(f"property float {c}" for c in "xyz"), "element face 12"]
+    head += [f"property list uchar int {name}", "end_header"]
+    rows = [" ".join(map(str, x)) for x in CUBE.tolist()] + ["3 " + " ".join(map(str, t)) for t in SPLIT]
+    return end.join([*head, *rows, ""]).encode()
+
+
+BOM = b"\xef\xbb\xbf"
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("capitals.stl", text_stl().upper().encode()),
+        ("mark.stl", BOM + text_stl().encode()),
+        ("mark.stl", text_stl().encode("utf-16")),
+        ("returns.stl", text_stl("\r").encode()),
+        ("long_name.stl", ("solid " + "x" * 2000 + text_stl()[10:]).encode()),
+        ("latin.stl", text_stl().replace("cube", "w\xfcrfel").encode("latin-1")),
+        ("fortran.stl", text_stl().replace("e+", "D+").encode()),
+        ("trailing.stl", text_stl().encode() + b"\0" * 100),
+        ("two_bytes_more.stl", binary_stl() + b"\r\n"),
+        ("padded.stl", binary_stl() + b"\0" * 4096),
+        ("says_solid.stl", binary_stl(b"solid facet x")),
+        ("says_solid.stl", binary_stl(b"SOLID facet x") + b"\n"),
+        ("capitals.obj", text_obj(faces("{}")).upper()),
+        ("mark.obj", BOM + text_obj(faces("{}"))),
+        ("backwards.obj", text_obj(faces("{}", -8))),
+        ("textured.obj", text_obj(faces("{}/1/1"), "vn 0 0 1\nvt 0 0\ng side\nusemtl m\ns off\n")),
+        ("normals.obj", text_obj(faces("{}//1"), "o a\nvn 0 0 1 # up\n")),
+        ("coloured.obj", text_obj(faces("{}"), colour=" 0.5 0.5 0.5")),
+        ("mark.ply", BOM + text_ply()),
+        ("capitals.ply", text_ply().replace(b"ply\n", b"PLY\n")),
+        ("index.ply", text_ply("vertex_index")),
+        ("returns.ply", text_ply(end="\r\n") + b"\r\n"),
+    ],
+    ids=lambda v: v if isinstance(v, str) else "",
+)
+def test_what_programs_really_write_is_the_same_cuboid(name: str, data: bytes, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(data)
+    surface = read_surface(tmp_path / name)
+    assert surface.volume == pytest.approx(480.0, rel=1e-12)
+    assert len(surface.triangles) == 12 and len(surface.points) == 8
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "message"),
+    [
+        ("points.stl", binary_stl()[:80] + np.uint32(1).tobytes() + bytes(50), "all triangles are degenerate"),
+        ("short.stl", binary_stl()[:-3], "announces 12 triangles .* has 681 bytes"),
+        ("two.stl", binary_stl() + binary_stl(), "more than one solid"),
+        ("none.stl", binary_stl(count=0), "announces 0 triangles"),
+        ("cut.stl", text_stl().encode()[:-300], "truncated"),
+        ("comma.stl", text_stl().replace("1.000000e+01", "10,0").encode(), "'10,0' in a vertex is no number"),
+        ("zero.obj", text_obj("f 0 1 2\n"), "zero.obj:9: '0' in a face is no vertex number"),
+        ("flat.obj", b"v 1 2\n", "has 2 coordinates"),
+        ("beyond.obj", text_obj("f 1 2 99\n"), "refers to vertex 98"),
+    ],
+    ids=lambda v: v if isinstance(v, str) else "",
+)
+def test_what_cannot_be_the_whole_surface_is_refused(name: str, data: bytes, message: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(InputFileError, match=message):
+        read_surface(tmp_path / name)
 
 
 def test_nearly_equal_vertices_are_merged(cube: pyvista.PolyData) -> None:
