@@ -141,6 +141,7 @@ def run_chain(
     force: bool = False,
     until: str | None = None,
     only: str | None = None,
+    strict: bool = False,
 ) -> RunPaths:
     """Run every stage that a scene describes, but skip those whose output is current.
 
@@ -156,6 +157,8 @@ def run_chain(
         Name of the last stage to run.
     only : str, optional
         Name of the one stage to run; the files it reads must be there.
+    strict : bool
+        Refuse a flow that broke a limit of its verdict, once all is written.
 
     Returns
     -------
@@ -166,7 +169,12 @@ def run_chain(
     ------
     SceneError
         If the scene has no stage, or none of the name asked for.
+    VerdictError
+        If `strict`, and the flow broke a limit.
     """
+    from ppmc.announce import announce, insist
+    from ppmc.files.verdict import verdict_of
+
     paths = run_paths(scene, workdir)
     chain = list(links(scene, paths))
     names = [link.name for link in chain]
@@ -182,12 +190,16 @@ def run_chain(
     for link in chain:
         if not force and is_current(link, scene):
             print(f"{link.name}: unchanged, {link.output} is kept", file=sys.stderr)
+            if link.name == "solve":
+                announce(verdict_of(link.output), link.output)
             # Tools that go by the time of files ask for one stage, and must see that it was looked at.
             if only is not None:
                 link.output.touch()
             continue
         print(f"{link.name}: writing {link.output}", file=sys.stderr)
         link.start()
+    if strict and any(link.name == "solve" for link in chain):
+        insist(verdict_of(paths.flow), paths.flow)
     return paths
 
 

@@ -2,15 +2,17 @@
 
 from pathlib import Path
 
+from ppmc.announce import announce
 from ppmc.errors import SceneError
 from ppmc.files import Provenance, check_output, read_particles
+from ppmc.files.verdict import verdict_of
 from ppmc.scene import Scene
 
 SECTIONS = ("tooling", "material", "solver")
 
 
 def run(scene: Scene, *, input: Path, output: Path, resume: bool = True, max_walltime: float | None = None) -> Path:
-    """Compute the flow of a charge between its tools.
+    """Compute the flow of a charge between its tools, and say whether the result kept its limits.
 
     Parameters
     ----------
@@ -38,7 +40,8 @@ def run(scene: Scene, *, input: Path, output: Path, resume: bool = True, max_wal
     InputFileError
         If the charge file is missing or damaged.
     NumericalError
-        If the flow stops being finite; the state is dumped beside the output.
+        If the flow stops being finite, or the charge lets go of tools that close on it; the state is dumped beside the
+        output.
     StoppedWithCheckpoint
         On SIGTERM or the wall-clock limit.
     """
@@ -54,4 +57,6 @@ def run(scene: Scene, *, input: Path, output: Path, resume: bool = True, max_wal
     model, state = prepare(scene, charge)
     check_room(model, charge, input)
     provenance = Provenance.collect("ppmc.solver", scene, SECTIONS, [input], scene.seed)
-    return Simulation(model, state, output, provenance).run(resume, max_walltime)
+    written = Simulation(model, state, output, provenance).run(resume, max_walltime)
+    announce(verdict_of(written), written)
+    return written
