@@ -135,7 +135,7 @@ def read_verdict(extra: Mapping[str, Any], path: Path) -> Verdict | None:
         return None
     try:
         findings = tuple(_finding(item) for item in facts["findings"])
-    except (KeyError, TypeError, ValueError) as error:
+    except (LookupError, TypeError, ValueError) as error:
         raise InputFileError(f"{path}: /ppmc/extra holds a verdict that cannot be read ({error})") from None
     return Verdict(findings)
 

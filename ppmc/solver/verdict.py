@@ -46,7 +46,7 @@ REASONS = {
     "unconverged": "a solve that gave up has velocities and touching faces of unknown error",
     "penetration": "two per cent of a spacing, a tenth of the gap at which a step moves the wall layer",
     "coverage": "a tool that closes on the charge loses contact only where that leaves it; half is no squeeze any more",
-    "driven_share": "less than half of the work by tools: the correction of packing moves the charge, not they",
+    "driven_share": "less than half: the correction of packing and stored pressure move the charge, not the tools",
     "zero_energy_share": "half: particles would resist by what velocity gradients do not see as much as by viscosity",
     "outside": "a centre in a tool, or without three neighbours: nothing that it carries means anything",
 }  # fmt: skip
@@ -84,8 +84,8 @@ def judge(history: Columns, tools: Sequence[str], spacing: float, limits: Limits
             h, "penetration", "penetration", h["penetration"] / spacing, limits, at="penetration", unit="spacings"
         ),
         _covered(h, tools, limits),
-        _by_work(h, "driven_share", "work done by tools", h["driven_share"], limits, least=True),
-        _by_work(h, "zero_energy_share", "work of zero-energy control", h["zero_energy_share"], limits),
+        _driven(h, limits),
+        _zero_energy(h, limits),
         _worst(h, "outside", "particles outside", h["outside"], limits, at="outside"),
     ]  # fmt: skip
     return Verdict(tuple(findings))
@@ -135,10 +135,14 @@ def _worst(
     if len(known) == 0:
         return _finding(name, told, None, limits, least=least, unit=unit)
     step = int(known[np.argmin(values[known]) if least else np.argmax(values[known])])
+    value = float(values[step])
+    # Nothing went wrong nowhere.
+    if value == 0.0 and not least:
+        return _finding(name, told, value, limits, unit=unit)
     particle, position = _place(h, at, step) if at else (None, None)
     return _finding(
-        name, told, float(values[step]), limits, least=least, unit=unit, time=float(h["time"][step]),
-        particle=particle, position=position,
+        name, told, value, limits, least=least, unit=unit, time=float(h["time"][step]), particle=particle,
+        position=position,
     )  # fmt: skip
 
 
@@ -157,20 +161,33 @@ def _unconverged(h: Columns, limits: Limits) -> Finding:
     return _finding("unconverged", "unconverged solves", float(h["unconverged"].sum()), limits, time=time)
 
 
-def _by_work(
-    h: Columns, name: str, told: str, shares: np.ndarray, limits: Limits, *, least: bool = False
-) -> Finding:  # fmt: skip
-    """Return a share of the whole run's dissipated work, and the step that spoilt it most.
+def _driven(h: Columns, limits: Limits) -> Finding:
+    """Return the share of the whole run's strain that tools and inertia drive, and the step that spoilt it most.
 
-    A step's own share says little: next to nothing is dissipated while tools rest, whatever dissipates it.
+    The strain of a step goes with the root of what it dissipates; a step's own share says little where next to nothing
+    flows, as while tools rest, and its share of the work hides a charge that collapses at no resistance.
     """
+    strain = np.sqrt(np.maximum(h["dissipation"], 0.0)) * np.diff(h["time"], prepend=0.0)
+    return _share(h, "driven_share", "flow driven by tools", strain, limits, least=True)
+
+
+def _zero_energy(h: Columns, limits: Limits) -> Finding:
+    """Return the share of the whole run's work that zero-energy control took, and the step in which it took most."""
     work = h["dissipation"] * np.diff(h["time"], prepend=0.0)
-    total = float(work.sum())
+    return _share(h, "zero_energy_share", "work of zero-energy control", work, limits)
+
+
+def _share(
+    h: Columns, name: str, told: str, weights: np.ndarray, limits: Limits, *, least: bool = False
+) -> Finding:  # fmt: skip
+    """Return the mean of a column of shares, and the step that counts most towards what it should not be."""
+    total = float(weights.sum())
     if not total > 0.0:
         return _finding(name, told, None, limits, least=least)
-    spoilt = work * (1.0 - shares if least else shares)
-    time = float(h["time"][int(np.argmax(spoilt))])
-    return _finding(name, told, float(np.sum(work * shares)) / total, limits, least=least, time=time)
+    spoilt = weights * (1.0 - h[name] if least else h[name])
+    worst = int(np.argmax(spoilt))
+    time = float(h["time"][worst]) if spoilt[worst] > 0.0 else None
+    return _finding(name, told, float(np.sum(weights * h[name])) / total, limits, least=least, time=time)
 
 
 def _covered(h: Columns, tools: Sequence[str], limits: Limits) -> Finding:
