@@ -137,6 +137,7 @@ def run_chain(
     until: str | None = None,
     only: str | None = None,
     restart: bool = False,
+    strict: bool = False,
 ) -> RunPaths:
     """Run every stage that a scene describes, but skip those whose output is current.
 
@@ -154,6 +155,8 @@ def run_chain(
         Name of the one stage to run; the files it reads must be there.
     restart : bool
         Let an unfinished flow start over instead of going on.
+    strict : bool
+        Refuse a flow that broke a limit of its verdict, once all is written.
 
     Returns
     -------
@@ -166,8 +169,12 @@ def run_chain(
         If the scene has no stage, or none of the name asked for.
     StorageError
         If another process is running the chain in this folder.
+    VerdictError
+        If `strict`, and the flow broke a limit.
     """
+    from ppmc.announce import insist
     from ppmc.files.lock import Claim, locked
+    from ppmc.files.verdict import verdict_of
 
     paths = run_paths(scene, workdir)
     chain = list(links(scene, paths))
@@ -184,14 +191,21 @@ def run_chain(
     # Jobs of a workflow each run one stage, at the same time if they can; a whole chain wants the folder for itself.
     with locked([Claim(paths.directory / "chain.run", shared=only is not None)]):
         _walk(chain, scene, force=force, restart=restart, touch=only is not None)
+    if strict and any(link.name == "solve" for link in chain):
+        insist(verdict_of(paths.flow), paths.flow)
     return paths
 
 
 def _walk(chain: list[Link], scene: Scene, *, force: bool, restart: bool, touch: bool) -> None:
     """Run stages one after the other."""
+    from ppmc.announce import announce
+    from ppmc.files.verdict import verdict_of
+
     for link in chain:
         if not force and is_current(link, scene):
             print(f"{link.name}: unchanged, {link.output} is kept", file=sys.stderr)
+            if link.name == "solve":
+                announce(verdict_of(link.output), link.output)
             # Tools that go by the time of files ask for one stage, and must see that it was looked at.
             if touch:
                 link.output.touch()

@@ -32,8 +32,8 @@ app = App(
             "Four stages exchange files: ct (CT volume to orientations), charge (particles), solve (moulding flow) and",
             "analyze (tensors, figures, report). A scene, one YAML file, describes them all; 'ppmc run SCENE' walks",
             "the chain. Units are mm, s, g, Pa; scenes may write '6 mm' or '1.31 GPa'.\n\n"
-            "Exit codes: 0 done, 2 usage or scene, 3 bad input file, 4 numerical failure, 5 storage, 75 stopped with a",
-            "checkpoint, 130 Ctrl-C.",
+            "Exit codes: 0 done, 2 usage or scene, 3 bad input file, 4 numerical failure or, with --strict, a broken",
+            "limit of the verdict, 5 storage, 75 stopped with a checkpoint, 130 Ctrl-C.",
         )
     ),
     version=f"ppmc {__version__}",
@@ -60,6 +60,7 @@ def run(
     until: str | None = None,
     only: str | None = None,
     restart: bool = False,
+    strict: bool = False,
 ) -> None:
     """Walk the whole chain of a scene; stages whose inputs and section are unchanged are skipped.
 
@@ -77,6 +78,8 @@ def run(
         The one stage to run; the files it reads must be there.
     restart : bool
         Let an unfinished flow start over; without it a run of another scene is refused.
+    strict : bool
+        End with exit code 4 if the flow broke a limit of its verdict; all files are written all the same.
 
     Examples
     --------
@@ -87,7 +90,7 @@ def run(
     from ppmc.chain import run_chain
     from ppmc.scene import load_scene
 
-    run_chain(load_scene(scene), workdir=workdir, force=force, until=until, only=only, restart=restart)
+    run_chain(load_scene(scene), workdir=workdir, force=force, until=until, only=only, restart=restart, strict=strict)
 
 
 @app.command

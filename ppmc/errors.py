@@ -33,6 +33,12 @@ class NumericalError(PpmcError):
     exit_code = 4
 
 
+class VerdictError(PpmcError):
+    """The result is complete but broke a limit, and the user asked for none (exit code 4)."""
+
+    exit_code = 4
+
+
 class StorageError(PpmcError):
     """An output cannot be written where it was asked for (exit code 5)."""
 

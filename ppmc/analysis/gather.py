@@ -21,6 +21,7 @@ from ppmc.analysis.results import Analysed, FlowMaps, Results, press_force
 from ppmc.analysis.samples import Samples
 from ppmc.analysis.sources import Source, charge_source, flow_source, orientations_source, truth_source
 from ppmc.files import ParticleFile, SeriesFile, VoxelFile
+from ppmc.files.verdict import read_verdict
 
 if TYPE_CHECKING:
     from ppmc.scene import Scene
@@ -92,9 +93,14 @@ def gather(scene: Scene, section: AnalysisSection, opened: Opened) -> Results:
             ensemble([results.path_averages(e, k) for e in runs]) for k in range(len(results.paths))
         )
     if opened.flow is not None:
+        results.verdict = read_verdict(opened.flow.extra, opened.flow.path)
         _add_flow(results, opened.flow)
         axis, end = AXIS_NAMES.index(section.front.axis), float(opened.flow.times[-1])
         for label, file in (*opened.compare, *opened.seeds):
+            verdict = read_verdict(file.extra, file.path)
+            if verdict is not None and not verdict.passed:
+                broken = "; ".join(finding.told() for finding in verdict.broken)
+                notes.append(f"Run '{label}': verdict {verdict.headline} ({broken}).")
             if not np.isclose(file.times[-1], end, rtol=1e-6):
                 notes.append(f"Run '{label}' ends at t = {file.times[-1]:.4g} s, the input at {end:.4g} s.")
         results.comparisons = [compare_runs(opened.flow, label, file, axis) for label, file in opened.compare]

@@ -12,6 +12,7 @@ from ppmc.analysis.figures import Picture, is_voxels
 from ppmc.analysis.html import Document
 from ppmc.analysis.report_flow import kinematics_table, knit_tables, mesh_table, run_tables
 from ppmc.analysis.report_tensors import region_tables, truth_tables
+from ppmc.analysis.report_verdict import verdict_table
 from ppmc.analysis.results import Results
 from ppmc.analysis.structural import MappedMesh
 from ppmc.files import Provenance
@@ -54,6 +55,9 @@ def write_report(
                 page.picture(picture.image, picture.caption, picture.name, picture.kind)
                 drawn.add(picture.name)
 
+    if results.main == "flow":
+        page.section("Verdict")
+        verdict_table(page, results.verdict)
     page.section("Overview")
     _overview(page, results)
     for note in results.notes:

@@ -21,6 +21,8 @@ from ppmc.analysis.truth import AngleErrors, TruthRow
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ppmc.files.verdict import Verdict
+
 
 @dataclass(frozen=True)
 class Analysed:
@@ -120,6 +122,7 @@ class Results:
     path_seeds: tuple[Ensemble, ...] = ()
     comparisons: list[Comparison] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    verdict: Verdict | None = None
 
     def path_averages(self, entry: Analysed, k: int) -> RegionAverages:
         """Return a source's averages along path `k` in the path's own components."""

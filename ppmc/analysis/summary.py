@@ -17,6 +17,7 @@ def flat_summary(results: Results) -> Mapping[str, Any]:
     that ``fourth_order_indices`` gives. Paths are in their own components.
     """
     return {
+        "verdict": None if results.verdict is None else results.verdict.as_facts(),
         "fourth_order_indices": list(FOURTH_INDICES),
         "regions": [
             {

@@ -26,6 +26,7 @@ from ppmc.files.guard import (
 )
 from ppmc.files.provenance import Provenance
 from ppmc.files.text import attribute, read_json
+from ppmc.files.verdict import KEY, read_verdict
 
 SUMMARY_VALUES = 2_000_000
 SLAB_BYTES = 2**26
@@ -71,6 +72,8 @@ def describe_file(path: Path) -> str:
         if product in FIELDS:
             lines += ["", *_shape(file, path, product), "", "Fields (name / unit: description)"]
             lines += list(_fields(file, path, product))
+        if product == "flow":
+            lines += ["", *_verdict(file, path)]
         lines += list(_tables(file))
         lines += ["", *_origin(Provenance.load(file), product)]
         if product in FIELDS:
@@ -149,6 +152,16 @@ def _range(dataset: h5py.Dataset) -> str:
     return f" [{values.min():.5g} to {values.max():.5g}]"
 
 
+def _verdict(file: h5py.File, path: Path) -> Iterator[str]:
+    """Yield what a flow says about itself: the verdict, and every limit."""
+    verdict = read_verdict(read_json(file["ppmc"], "extra"), path)
+    if verdict is None:
+        yield "Verdict: none; the run has not come to its end, or an older version wrote the file"
+        return
+    yield f"Verdict: {verdict.headline}"
+    yield from (f"  {'  ' if finding.kept else '! '}{finding.told()}" for finding in verdict.findings)
+
+
 def _tables(file: h5py.File) -> Iterator[str]:
     """Yield what else the file holds: numbers of each frame, of each step, and facts about the whole."""
     own = file["ppmc"]
@@ -158,6 +171,8 @@ def _tables(file: h5py.File) -> Iterator[str]:
         rows = next(iter(own["history"].values())).shape[0]
         yield f"History of {rows} steps: {', '.join(own['history'])}"
     for key, value in read_json(own, "extra").items():
+        if key == KEY:
+            continue
         text = json.dumps(value)
         yield f"  {key} = {text if len(text) < 90 else text[:87] + '...'}"
 

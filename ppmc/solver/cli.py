@@ -21,12 +21,14 @@ def solve(
     force: Annotated[bool, Parameter(negative="")] = False,
     max_walltime: str | None = None,
     threads: int | None = None,
+    strict: bool = False,
 ) -> None:
     """Compute the flow of the charge between the closing tools.
 
     Writes the flow history: positions, fibre directions, normals, deformation, pressure and forces over time. Ctrl-C,
     SIGTERM and the wall-clock limit leave a checkpoint, and the same command goes on from it; SIGUSR1 writes one
-    without stopping. Scalars of every step appear at once in <output stem>.steps.csv.
+    without stopping. Scalars of every step appear at once in <output stem>.steps.csv. The run ends with a verdict,
+    which the file keeps: passed, or each limit that was not kept, with value, time and place.
 
     Parameters
     ----------
@@ -46,12 +48,16 @@ def solve(
         75).
     threads : int
         Threads to use; all by default. Results do not depend on it.
+    strict : bool
+        End with exit code 4 if a limit of the verdict was not kept; the file is complete all the same.
 
     Examples
     --------
     ppmc solve configs/demo.yaml
 
     ppmc solve configs/bracket.yaml --input charge.vtkhdf --output flow.vtkhdf --max-walltime "4 h" --threads 8
+
+    ppmc solve configs/squeeze.yaml --strict
     """
     from ppmc.scene import load_scene
     from ppmc.scene.paths import run_paths
@@ -63,6 +69,8 @@ def solve(
         from ppmc.compile_cache import use_threads
 
         use_threads(threads)
+    from ppmc.announce import insist
+    from ppmc.files.verdict import verdict_of
     from ppmc.solver.stage import run
 
     written = run(
@@ -74,6 +82,8 @@ def solve(
         force=force,
     )
     print(written)
+    if strict:
+        insist(verdict_of(written), written)
 
 
 def _seconds(text: str) -> float:

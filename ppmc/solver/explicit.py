@@ -35,6 +35,7 @@ from ppmc.solver.contact_passes import pulled_off
 from ppmc.solver.gradient import moments_and_gradient, velocity_gradient
 from ppmc.solver.implicit import TOUCH, ImplicitIntegrator
 from ppmc.solver.kernel_shape import rearrangement_rate, smoothness
+from ppmc.solver.measures import place_of
 from ppmc.solver.model import StepReport
 from ppmc.solver.neighbours import Pairs
 from ppmc.solver.operator import Operator, assemble
@@ -306,6 +307,12 @@ class ExplicitIntegrator(ImplicitIntegrator):
         released = float(np.sum(state.volume * pressure * np.einsum("nii->n", gradient)))
         report.driven_share = driven_share(report.dissipation, released)
         report.contacts = int(near.contacts.active.any(axis=1).sum())
+        contacts = near.contacts
+        overlap = np.where((contacts.tool >= 0) & ~contacts.active, np.maximum(-contacts.gap, 0.0), 0.0)
+        depth = overlap.max(axis=1, initial=0.0)
+        report.penetration = float(depth.max(initial=0.0))
+        if report.penetration > 0.0:
+            report.deepest = place_of(state, int(contacts.rows[np.argmax(depth)]))
 
     def _move(self, time: float, dt: float, refresh: bool = False) -> None:
         """Advance everything else with the new velocities, and make the operator at the new positions."""

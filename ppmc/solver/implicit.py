@@ -18,6 +18,7 @@ from ppmc.solver.contact import Contacts, between_wall_layers
 from ppmc.solver.contact_passes import solve_with_contacts
 from ppmc.solver.gradient import mean_around, moments_and_gradient, velocity_gradient
 from ppmc.solver.kernel_shape import follow_lattice, inverse_shape, limited, rearrangement_rate, smoothness
+from ppmc.solver.measures import PackingMeasure, packing_inside
 from ppmc.solver.model import Model, StepReport
 from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, extents, list_is_stale, weigh_pairs
 from ppmc.solver.operator import Operator, assemble
@@ -58,6 +59,7 @@ class ImplicitIntegrator:
         self.neighbours: NeighbourList | None = None
         self.list_shape = np.empty((0, 6))
         self.measured: tuple[np.ndarray, np.ndarray | None, float] | None = None
+        self.packed: PackingMeasure | None = None
 
     @property
     def affine(self) -> bool:
@@ -318,6 +320,14 @@ class ImplicitIntegrator:
             model.spacing,
         )  # fmt: skip
 
+    def take_packing(self, time: float) -> PackingMeasure:
+        """Packing inside the material at the end of a step, taken anew where no correction has looked at it."""
+        packed, self.packed = self.packed, None
+        if packed is None:
+            pairs = self.weigh(self.state.position)
+            packed = packing_inside(self.state, pairs, self.packing(pairs, time), self.model.smoothing_length)
+        return packed
+
     def set_reference(self, time: float) -> None:
         """Take the packing at the start as the one to keep."""
         if self.model.settings.volume_correction > 0.0:
@@ -331,6 +341,7 @@ class ImplicitIntegrator:
             return
         pairs = self.weigh(state.position)
         found = self.packing(pairs, time)
+        self.packed = packing_inside(state, pairs, found, model.smoothing_length)
         correct_volume(state, pairs, found, strain, model.settings.volume_correction, model.smoothing_length)
 
 

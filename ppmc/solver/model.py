@@ -8,6 +8,17 @@ import numpy as np
 from ppmc.solver.tools import Walls
 
 
+@dataclass(frozen=True)
+class Place:
+    """A particle and where it is: number in the charge, -1 for none, and x1, x2, x3, mm."""
+
+    particle: int = -1
+    position: tuple[float, float, float] = (float("nan"), float("nan"), float("nan"))
+
+
+NOWHERE = Place()
+
+
 @dataclass
 class StepReport:
     """What one step did; every number but `parts` goes into the history."""
@@ -19,6 +30,7 @@ class StepReport:
     unconverged: int = 0
     contacts: int = 0
     penetration: float = 0.0
+    deepest: Place = NOWHERE
     dissipation: float = 0.0
     zero_energy_share: float = 0.0
     driven_share: float = 1.0  # of the dissipation; what is left comes from the correction of packing
@@ -31,6 +43,8 @@ class StepReport:
         self.iterations += other.iterations
         self.passes += other.passes
         self.unconverged += other.unconverged
+        if other.penetration > self.penetration:
+            self.penetration, self.deepest = other.penetration, other.deepest
 
 
 @dataclass

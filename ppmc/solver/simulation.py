@@ -9,13 +9,17 @@ import numpy as np
 
 from ppmc.errors import NumericalError, StoppedWithCheckpoint
 from ppmc.files import Provenance, SeriesWriter, growing_folder, write_state
+from ppmc.files.verdict import KEY
 from ppmc.progress import Progress
+from ppmc.solver import verdict
 from ppmc.solver.checkpoint import Checkpoint, remove_checkpoints, save_checkpoint
+from ppmc.solver.coverage import Coverage, touching
 from ppmc.solver.explicit import ExplicitIntegrator
 from ppmc.solver.frames import Snapshot, field_names, frame
-from ppmc.solver.history import History
+from ppmc.solver.history import History, StepMeasures
 from ppmc.solver.implicit import ImplicitIntegrator
-from ppmc.solver.model import Model, StepReport
+from ppmc.solver.measures import outside
+from ppmc.solver.model import Model, Place, StepReport
 from ppmc.solver.resume import constants_of, where_to_go_on
 from ppmc.solver.state import ParticleState
 from ppmc.solver.stop_requests import StopRequests
@@ -88,7 +92,9 @@ class Simulation:
                         f"stopped by {reason} at t = {self.time:.6g} s; the same command resumes there"
                     )
         self._save()  # a disk too full for the complete file costs no more than room to be made
-        self.writer.seal(self.output, self.history.by_column(), self._facts())
+        history = self.history.by_column()
+        told = verdict.judge(history, self.model.walls.tools.names, self.model.spacing)
+        self.writer.seal(self.output, history, self._facts() | {KEY: told.as_facts()})
         remove_checkpoints(self.output)
         return self.output
 
@@ -101,6 +107,7 @@ class Simulation:
             self.integrator = self._make_integrator()
             self.time, self.step_size = 0.0, np.inf
             self.history = History(names, table)
+            self.coverage = Coverage(len(names))
             self.report = self._guarded(
                 lambda: self.integrator.initialise(0.0, FIRST_STEP_SHARE * self.model.settings.end_time)
             )
@@ -126,6 +133,7 @@ class Simulation:
         self.time, self.step_size = saved.time, saved.time_step
         self.report = StepReport()
         self.history = History(names, table, saved.history)
+        self.coverage, _ = verdict.follow(self.history.by_column(), names)
         print(f"resumed at t = {self.time:.6g} s, step {len(self.history.rows)}")
 
     def _make_integrator(self) -> ImplicitIntegrator:
@@ -143,9 +151,11 @@ class Simulation:
         self.step_size = step
         step = fit_to_times(self.time, step, target)
         last = step >= target - self.time
+        before, start = touching(self.state, len(self.model.walls.tools)), self.time
         self.report = self._guarded(lambda: self.integrator.step(self.time, step))
         self.time = target if last else self.time + step
-        self.history.add(self.time, self.report, self.state, self._press_force())
+        self.history.add(self.time, self.report, self.state, self._measure(before, self.time - start))
+        self._check_coverage()
 
     def _guarded(self, advance: Callable[[], StepReport]) -> StepReport:
         try:
@@ -176,6 +186,40 @@ class Simulation:
                 f"the charge's mean volume ratio is off by {lost:.3g}: the step has gone astray; "
                 "try a smaller solver.max_strain_increment or a larger solver.bulk_ratio"
             )
+
+    def _measure(self, before: np.ndarray, dt: float) -> StepMeasures:
+        """Measure what a step of `dt` (s) has left; `before`, shape (tools, n), touched each tool at its start."""
+        neighbours, walls = self.integrator.neighbours, self.model.walls
+        assert neighbours is not None
+        touched = touching(self.state, len(walls.tools))
+        contacts = touched.sum(axis=1).astype(np.float64)
+        closing = self.coverage.closing(self._tool_velocities(dt))
+        self.coverage.add(self.time, contacts, self.report.tool_force, closing, dt)
+        share = self.coverage.share(contacts, closing)
+        released = self.history.last_place("released")
+        if not np.isnan(share).all():
+            tool = int(np.nanargmin(share))
+            gone = np.flatnonzero(before[tool] & ~touched[tool])
+            if len(gone):
+                x1, x2, x3 = self.state.position[self.state.original == gone[0]][0].tolist()
+                released = Place(int(gone[0]), (x1, x2, x3))
+        return StepMeasures(
+            self.integrator.take_packing(self.time), outside(self.state, walls, neighbours, self.time),
+            self._press_force(), contacts, closing, released,
+        )  # fmt: skip
+
+    def _check_coverage(self) -> None:
+        told = verdict.let_go(
+            self.coverage, self.model.walls.tools.names, self.model.spacing, self.history.last_place("released")
+        )
+        if told is not None:
+            raise NumericalError(f"{told} (t = {self.time:.6g} s; the state is in {self._dump()})")
+
+    def _tool_velocities(self, dt: float) -> np.ndarray:
+        """Velocities of all tools in a step of `dt` (s) that has just ended, shape (tools, 3), mm/s."""
+        walls = self.model.walls
+        velocities = walls.tools.velocities(max(self.time - 1e-9 * self.model.settings.end_time, 0.0))
+        return np.asarray(velocities + walls.forced.velocities(dt))
 
     def _dump(self) -> Path:
         path = self.output.with_name(f"{self.output.stem}.crash.h5ckpt")

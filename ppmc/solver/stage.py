@@ -2,8 +2,10 @@
 
 from pathlib import Path
 
+from ppmc.announce import announce
 from ppmc.errors import SceneError
 from ppmc.files import Claim, Provenance, check_output, is_product, one_writer, read_particles
+from ppmc.files.verdict import verdict_of
 from ppmc.scene import Scene
 from ppmc.scene.depends import of_flow
 
@@ -20,7 +22,7 @@ def run(
     max_walltime: float | None = None,
     force: bool = False,
 ) -> Path:
-    """Compute the flow of a charge between its tools.
+    """Compute the flow of a charge between its tools, and say whether the result kept its limits.
 
     Parameters
     ----------
@@ -51,7 +53,8 @@ def run(
     InputFileError
         If the charge file is missing or damaged.
     NumericalError
-        If the flow stops being finite; the state is dumped beside the output.
+        If the flow stops being finite, or the charge lets go of tools that close on it; the state is dumped beside the
+        output.
     StorageError
         If another process is writing the output, or it cannot be written.
     StoppedWithCheckpoint
@@ -70,4 +73,6 @@ def run(
     model, state = prepare(scene, charge)
     check_room(model, charge, input)
     provenance = Provenance.of(scene, depends)
-    return Simulation(model, state, output, provenance).run(resume, max_walltime)
+    written = Simulation(model, state, output, provenance).run(resume, max_walltime)
+    announce(verdict_of(written), written)
+    return written

@@ -6,7 +6,7 @@ from ppmc.errors import NumericalError
 from ppmc.solver.conjugate_gradient import Solution
 from ppmc.solver.contact import FACES, Contacts, between_wall_layers
 from ppmc.solver.gradient import velocity_gradient
-from ppmc.solver.model import Model, StepReport
+from ppmc.solver.model import Model, Place, StepReport
 from ppmc.solver.operator import Operator
 from ppmc.solver.power import material_power, power_scale, tool_powers
 from ppmc.solver.state import ParticleState
@@ -90,7 +90,12 @@ def account(
     forces *= power_scale(body, *tool_powers(contacts, forces, drag, v[contacts.rows]))
     add_tool_loads(model, contacts, forces + drag, operator.positions[contacts.rows], report)
     report.contacts = int(contacts.active.any(axis=1).sum())
-    report.penetration = float(contacts.violations(v[contacts.rows], time_step).max(initial=0.0))
+    depth = contacts.violations(v[contacts.rows], time_step).max(axis=1, initial=0.0)
+    report.penetration = float(depth.max(initial=0.0))
+    if report.penetration > 0.0:
+        row = int(contacts.rows[np.argmax(depth)])
+        x1, x2, x3 = (state.position[row] + time_step * v[row]).tolist()
+        report.deepest = Place(int(state.original[row]), (x1, x2, x3))
 
 
 def driven_share(dissipation: float, released: float) -> float:

@@ -1,0 +1,117 @@
+r"""Which tools close on the charge, and whether it still covers them.
+
+Contact pushes and does not pull, so a charge may leave a tool: a stubby stack of stiff sheets between slip plates leans
+and tips over like a pack of cards (docs/theory.md, "Charges that lean"). Nothing in a single solve is wrong then, but
+what the tools do afterwards is no moulding any more. A tool that closes on a charge that it has touched must stay
+covered; a tool that parts from it, rests, or is merely passed by need not.
+
+A tool presses in the direction of the force that it bore when most particles touched it. Two tools oppose each other if
+they press against each other, and close at the speed with which they approach along that direction. With the shares
+:math:`c_k` of the particles that touch tool k over the most that did,
+
+.. math:: c_k = n_k / \max_{t' \le t} n_k(t'), \qquad
+          s_k = \max_{m:\,d_m\cdot d_k < -1/2} (v_k - v_m)\cdot d_k
+
+tool k is judged while :math:`s_k > 0` and it moves itself or bears a fair part of what the tools bear.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ppmc.solver.state import ParticleState
+
+OPPOSED = 0.5  # cosine, 60 degrees: less, and a wall is passed by or carries friction only, as side walls with draft do
+BEARING = 0.25  # of the largest force on a tool: pins and ledges that bear less may be left behind in their wake
+LET_GO = 0.1  # coverage below which a tool has lost the charge; a plate that a block tips over on keeps an edge or two
+# Way, in spacings, that a tool must close uncovered before the charge counts as lost: the largest displacement that a
+# step may bring by default. A charge that a tool strikes and that bounces off for an instant has not been lost.
+LOST_WAY = 0.25
+
+
+@dataclass
+class Coverage:
+    """Running record of what each tool has touched; :meth:`add` takes one step after the other.
+
+    Attributes
+    ----------
+    most : ndarray, shape (tools,)
+        Most particles that touched each tool.
+    direction : ndarray, shape (tools, 3)
+        Unit vector in which it pressed then; zero if it never did.
+    bearing : ndarray, shape (tools,)
+        Its force then over the largest force on a tool.
+    way : ndarray, shape (tools,)
+        Way that it has closed since it lost the charge, mm.
+    since : ndarray, shape (tools,)
+        Time at which that began, s.
+    """
+
+    tools: int
+    most: np.ndarray = field(init=False)
+    direction: np.ndarray = field(init=False)
+    bearing: np.ndarray = field(init=False)
+    way: np.ndarray = field(init=False)
+    since: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.most = np.zeros(self.tools)
+        self.direction = np.zeros((self.tools, 3))
+        self.bearing = np.zeros(self.tools)
+        self.way = np.zeros(self.tools)
+        self.since = np.full(self.tools, np.nan)
+
+    def closing(self, velocities: np.ndarray) -> np.ndarray:
+        """Speed with which each tool closes on the charge, shape (tools,), mm/s; zero where it is not judged.
+
+        `velocities`, shape (tools, 3), are the tools', mm/s.
+        """
+        facing = self.direction @ self.direction.T < -OPPOSED
+        approach = np.einsum("kmc,kc->km", velocities[:, None] - velocities[None], self.direction)
+        speed = np.max(approach, axis=1, initial=0.0, where=facing)
+        # A tool that nothing opposes presses the charge against its own stiffness, inertia or friction.
+        own = np.einsum("kc,kc->k", velocities, self.direction)
+        moves = own > OPPOSED * np.linalg.norm(velocities, axis=1)
+        speed = np.where(moves & ~facing.any(axis=1), own, speed)
+        return np.where(moves | (self.bearing >= BEARING), speed, 0.0)
+
+    def add(self, time: float, contacts: np.ndarray, force: np.ndarray, closing: np.ndarray, dt: float) -> None:
+        """Count in a step of length `dt` that ended at `time`, s.
+
+        Parameters
+        ----------
+        time, dt : float
+            s.
+        contacts : ndarray, shape (tools,)
+            Particles that touch each tool at its end.
+        force : ndarray, shape (tools, 3)
+            Force of the charge on each tool, Pa mm^2.
+        closing : ndarray, shape (tools,)
+            See :meth:`closing`, mm/s.
+        """
+        lost = (closing > 0.0) & (contacts < LET_GO * self.most)
+        self.since = np.where(lost & (self.way == 0.0), time, self.since)
+        self.way = np.where(lost, self.way + closing * dt, 0.0)
+        size = np.linalg.norm(force, axis=1)
+        fuller = (contacts >= self.most) & (contacts > 0) & (size > 0.0)
+        self.direction[fuller] = -force[fuller] / size[fuller, None]
+        self.bearing[fuller] = size[fuller] / size.max(initial=1e-300)
+        self.most[fuller] = contacts[fuller]
+
+    def share(self, contacts: np.ndarray, closing: np.ndarray) -> np.ndarray:
+        """Share of its most contacts that each tool has, shape (tools,); NaN where it is not judged."""
+        return np.where((closing > 0.0) & (self.most > 0.0), contacts / np.maximum(self.most, 1.0), np.nan)
+
+    def lost(self, spacing: float) -> np.ndarray:
+        """Numbers of the tools that have lost the charge, of particles `spacing` mm apart."""
+        return np.flatnonzero(self.way > LOST_WAY * spacing)
+
+
+def touching(state: ParticleState, tools: int) -> np.ndarray:
+    """Particles that touch each tool, shape (tools, n), bool, by their numbers in the charge."""
+    out = np.zeros((tools, len(state)), dtype=bool)
+    rows, faces = np.nonzero(state.contact_tool >= 0)
+    out[state.contact_tool[rows, faces], state.original[rows]] = True
+    return out
