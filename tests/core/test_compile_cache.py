@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 CODE = "import ppmc.solver.kernel as k; print(k.twice(4.0)); print(k.twice.stats.cache_path)"
+HITS = "import ppmc.solver.kernel as k; k.twice(4.0); print(len(k.twice.stats.cache_hits), k.twice.stats.cache_path)"
 
 
 @pytest.fixture
@@ -34,11 +35,12 @@ def package(tmp_path: Path) -> Path:
     return package
 
 
-def run(package: Path) -> tuple[float, str]:
-    env = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+def run(package: Path, code: str = CODE, **processor: str) -> tuple[float, str]:
+    given = ("NUMBA_CACHE_DIR", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
+    env = {k: v for k, v in os.environ.items() if k not in given} | processor
     env |= {"XDG_CACHE_HOME": str(package.parents[1] / "cache"), "PYTHONPATH": str(package.parent)}
     env["PYTHONDONTWRITEBYTECODE"] = "1"  # an edit of the same size in the same second would be overlooked
-    done = subprocess.run([sys.executable, "-c", CODE], cwd=package.parent, env=env, capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-c", code], cwd=package.parent, env=env, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     value, path = done.stdout.split()
     return float(value), path
@@ -53,6 +55,16 @@ def test_an_edit_that_matters_compiles_anew(package: Path) -> None:
     (package / "solver" / "constants.py").write_text("FACTOR = 3.0\n")
     value, second = run(package)
     assert value == 12.0 and second != first
+
+
+def test_each_processor_has_kernels_of_its_own(package: Path) -> None:
+    """A home that several machines share must not hand one the instructions of another."""
+    baseline = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
+    hits, folder = run(package, HITS)
+    assert (hits, run(package, HITS)[0]) == (0, 1)
+    assert run(package, HITS, **baseline) == (0, folder)
+    assert run(package, HITS, **baseline) == (1, folder)
+    assert run(package, HITS) == (1, folder)
 
 
 def test_division_by_zero_follows_numpy() -> None:

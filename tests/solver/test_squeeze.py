@@ -35,6 +35,17 @@ def test_squeeze_to_half_height(ratio, angle, jitter):
     np.testing.assert_allclose(forces.sum(axis=0), 0.0, atol=1e-2 * result.press_force)
 
 
+@pytest.mark.parametrize("layers", [2, 3, 4, 8])
+def test_the_start_closes_as_fast_as_the_plates_whatever_the_layers(layers):
+    ratio, rate = 1000.0, 0.5
+    integrator = make_squeeze((8, 8, layers), ratio=ratio, angle=33.0, bulk_ratio=1e5)
+    report = integrator.initialise(0.0, 1e-3)
+    assert integrator.state.velocity_gradient[:, 2, 2].mean() == pytest.approx(-rate, rel=2e-3)
+    assert report.tool_force[1, 2] == pytest.approx((4.0 - 1.0 / ratio) * rate * 64.0, rel=5e-3)
+    assert report.contacts == 128
+    assert report.unconverged == 0
+
+
 def test_fibres_follow_the_deformation():
     result = squeeze(ratio=50.0, angle=33.0, shape=(4, 4, 4), reduction=0.8)
     state = result.state
