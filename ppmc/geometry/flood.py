@@ -37,11 +37,32 @@ def nearest_wall(tools, offsets, x, y, z):  # type: ignore[no-untyped-def]
     best = math.inf
     ax, ay, az = 0.0, 0.0, 1.0
     for t in range(tools.kind.shape[0]):
-        if distance_bound(tools, t, offsets, x, y, z) < best:
+        bound = distance_bound(tools, t, offsets, x, y, z)
+        if bound < best:
             d, nx, ny, nz = tool_distance(tools, t, offsets, x, y, z)
+            if bound > d:
+                # Beyond a mesh's grid, a few cells off its box, only a bound is known: that of the box is closer.
+                d = bound
+                nx, ny, nz = _from_box(tools, t, offsets, x, y, z)
             if d < best:
                 best, ax, ay, az = d, nx, ny, nz
     return best, ax, ay, az
+
+
+@njit
+def _from_box(tools, index, offsets, x, y, z):  # type: ignore[no-untyped-def]
+    """Return the unit vector to a point outside of a tool's bounding box from the nearest place of the box."""
+    frame = tools.frame[index]
+    gx = x - offsets[index, 0] - tools.origin[index, 0]
+    gy = y - offsets[index, 1] - tools.origin[index, 1]
+    gz = z - offsets[index, 2] - tools.origin[index, 2]
+    nx = ny = nz = 0.0
+    for a in range(3):
+        local = frame[a, 0] * gx + frame[a, 1] * gy + frame[a, 2] * gz
+        beyond = max(local - tools.box[index, 1, a], 0.0) - max(tools.box[index, 0, a] - local, 0.0)
+        nx, ny, nz = nx + beyond * frame[a, 0], ny + beyond * frame[a, 1], nz + beyond * frame[a, 2]
+    size = math.sqrt(nx * nx + ny * ny + nz * nz)
+    return nx / size, ny / size, nz / size
 
 
 @njit
