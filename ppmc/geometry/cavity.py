@@ -18,6 +18,9 @@ from ppmc.geometry.toolset import ToolSet
 FloatArray = NDArray[np.float64]
 
 CELLS_A_SPACING = 3
+# Diameter of the ball in spacings: a place exactly a spacing wide is open. In the corner of a clearance there is more
+# room than beside it (1.17 times in a square one); where the first ball gets out, the second is tried.
+BALLS = 0.95, 1.2
 SPACINGS_ALONG = 40  # where no spacing is given
 PARTS = 3
 # Of a charge pressed thinner than a spacing so much lies where no ball has room; the ball is then halved, so often.
@@ -89,39 +92,48 @@ def cavity_volume(
     """
     points = as_points(seeds)
     shift = tools.offsets(time) if offsets is None else offsets
-    clearance = spacing or max(float(np.max(np.ptp(points, axis=0))), 1.0) / SPACINGS_ALONG
-    room, free = _places_with_room(tools, points, shift, clearance)
+    width = spacing or max(float(np.max(np.ptp(points, axis=0))), 1.0) / SPACINGS_ALONG
     for _ in range(HALVINGS):
+        room, free = _places_with_room(tools, points, shift, BALLS[0] * width)
         if len(room) >= (1.0 - CRAMPED) * free:
             break
-        clearance *= 0.5
-        room, free = _places_with_room(tools, points, shift, clearance)
+        width *= 0.5
     if len(room) == 0:
         raise SceneError(
             f"tooling: at t = {time:g} s none of {len(points):,} points of the charge lies in free space; "
             "move the charge or the tools"
         )
     while True:
-        low, high = search_box(tools, points, shift, 2.0 * clearance)
-        step = clearance / CELLS_A_SPACING
-        shape = np.ceil((high - low) / (BLOCK * step)).astype(np.int64) + 1
-        # Of the box only what the flood comes to is looked at, but it must be numbered.
-        if np.prod(shape.astype(float)) <= MOST_TABLE:
-            table, state, sides, whole = flood(
-                tools.arrays, shift, low, step, 0.5 * clearance, tuple(int(n) for n in shape), room, MOST_BLOCKS
-            )
-            if whole:
-                break
-        clearance *= 2.0
-        room, _ = _places_with_room(tools, points, shift, clearance)
-    if sides.any():
-        return Cavity(math.inf, False, (low, high), clearance, np.zeros((0, 3)))
+        for ball in BALLS:
+            cavity = _flooded(tools, points, shift, width, ball * width)
+            if cavity is not None and cavity.closed:
+                return cavity
+        if cavity is not None:
+            return cavity
+        width *= 2.0
+
+
+def _flooded(tools: ToolSet, points: FloatArray, shift: FloatArray, spacing: float, ball: float) -> Cavity | None:
+    """Return the cavity that a ball `ball` wide floods, on cells of a third of the spacing; None if it is too large."""
+    low, high = search_box(tools, points, shift, 2.0 * ball)
+    step, radius = spacing / CELLS_A_SPACING, 0.5 * ball
+    shape = np.ceil((high - low) / (BLOCK * step)).astype(np.int64) + 1
+    room, _ = _places_with_room(tools, points, shift, ball)
+    # Of the box only what the flood comes to is looked at, but it must be numbered.
+    if np.prod(shape.astype(float)) > MOST_TABLE:
+        return None
+    blocks_along = tuple(int(n) for n in shape)
+    table, state, sides, whole = flood(tools.arrays, shift, low, step, radius, blocks_along, room, MOST_BLOCKS)
+    if not whole:
+        return None
+    if sides.any() or len(room) == 0:
+        return Cavity(math.inf, False, (low, high), ball, np.zeros((0, 3)))
     blocks = _blocks_to_fill(table)
     rim = _rim(table, state, blocks)
     near = _near(rim, blocks, table.shape)
-    volumes, lowest, highest = _fill(tools.arrays, shift, low, step, 0.5 * clearance, table, state, blocks, near)
+    volumes, lowest, highest = _fill(tools.arrays, shift, low, step, radius, table, state, blocks, near)
     bounds = low + step * lowest.min(axis=0), low + step * (highest.max(axis=0) + 1)
-    return Cavity(float(volumes.sum()), True, bounds, clearance, low + step * (rim + 0.5))
+    return Cavity(float(volumes.sum()), True, bounds, ball, low + step * (rim + 0.5))
 
 
 def _places_with_room(tools: ToolSet, points: FloatArray, shift: FloatArray, width: float) -> tuple[FloatArray, int]:

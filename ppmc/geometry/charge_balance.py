@@ -111,7 +111,7 @@ def charge_balance(tools: ToolSet, points: NDArray, end_time: float, volume: flo
     share = volume / cavity.volume
     where = f"at {time:.4g} s" if not forced else "with the tools under force at their stops"
     told = f"{where} the charge takes {share:.2%} of the closed cavity of {cavity.volume:.6g} mm^3"
-    if not 0.99 * spacing < cavity.clearance < 1.01 * spacing:
+    if not 0.9 * spacing < cavity.clearance < 1.1 * spacing:
         told += f" (clearances below {cavity.clearance:.3g} mm closed)"
     if share > 1.0 + BALANCE:
         told += ": too much, so that tools cannot close that far; "

@@ -21,9 +21,11 @@ UNSEEN, TAKEN, CLOSED = range(3)
 """States of a cell: not looked at, a ball gets there, none does."""
 
 PUSHES = 48
+# Normals with less than this between them belong to walls that face each other; if their sum is longer than the next
+# number (they open by 3 degrees and more), the point slides out along it, so many radii at a time.
+FACING, OPENING, SLIDE = -0.5, 0.05, 0.25
 # A point that has moved less than this, in radii of the ball, after so many pushes, goes to and fro in a clearance.
 STUCK, PUSHES_WATCHED = 0.05, 6
-ROUNDING = 1e-6
 # Where walls meet, a ball counts as in place that is so much too large; it comes nearer by a part of the rest a push.
 NEARLY = 0.05
 HALF_DIAGONAL = 0.5 * math.sqrt(3.0)
@@ -35,11 +37,32 @@ def nearest_wall(tools, offsets, x, y, z):  # type: ignore[no-untyped-def]
     best = math.inf
     ax, ay, az = 0.0, 0.0, 1.0
     for t in range(tools.kind.shape[0]):
-        if distance_bound(tools, t, offsets, x, y, z) < best:
+        bound = distance_bound(tools, t, offsets, x, y, z)
+        if bound < best:
             d, nx, ny, nz = tool_distance(tools, t, offsets, x, y, z)
+            if bound > d:
+                # Beyond a mesh's grid, a few cells off its box, only a bound is known: that of the box is closer.
+                d = bound
+                nx, ny, nz = _from_box(tools, t, offsets, x, y, z)
             if d < best:
                 best, ax, ay, az = d, nx, ny, nz
     return best, ax, ay, az
+
+
+@njit
+def _from_box(tools, index, offsets, x, y, z):  # type: ignore[no-untyped-def]
+    """Return the unit vector to a point outside of a tool's bounding box from the nearest place of the box."""
+    frame = tools.frame[index]
+    gx = x - offsets[index, 0] - tools.origin[index, 0]
+    gy = y - offsets[index, 1] - tools.origin[index, 1]
+    gz = z - offsets[index, 2] - tools.origin[index, 2]
+    nx = ny = nz = 0.0
+    for a in range(3):
+        local = frame[a, 0] * gx + frame[a, 1] * gy + frame[a, 2] * gz
+        beyond = max(local - tools.box[index, 1, a], 0.0) - max(tools.box[index, 0, a] - local, 0.0)
+        nx, ny, nz = nx + beyond * frame[a, 0], ny + beyond * frame[a, 1], nz + beyond * frame[a, 2]
+    size = math.sqrt(nx * nx + ny * ny + nz * nz)
+    return nx / size, ny / size, nz / size
 
 
 @njit
@@ -69,6 +92,13 @@ def push_out(tools, offsets, radius, x, y, z):  # type: ignore[no-untyped-def]
         phi, ax, ay, az = nearest_wall(tools, offsets, x, y, z)
         if phi >= enough:
             return True, push, x, y, z
+        # Between walls that face each other: along the way on which they open, if they do.
+        sx, sy, sz = 0.0, 0.0, 0.0
+        if nx * ax + ny * ay + nz * az < FACING:
+            sx, sy, sz = nx + ax, ny + ay, nz + az
+            size = math.sqrt(sx * sx + sy * sy + sz * sz)
+            along = SLIDE * radius / size if size > OPENING else 0.0
+            sx, sy, sz = along * sx, along * sy, along * sz
         if phi < 0.0 and free:
             # Pushed into the wall opposite: only half as far, lest it comes out behind a thin one.
             step *= 0.5
@@ -76,6 +106,7 @@ def push_out(tools, offsets, radius, x, y, z):  # type: ignore[no-untyped-def]
             free = phi >= 0.0
             px, py, pz, nx, ny, nz = x, y, z, ax, ay, az
             step = radius - phi
+        px, py, pz = px + sx, py + sy, pz + sz
         x, y, z = px + step * nx, py + step * ny, pz + step * nz
         if push % PUSHES_WATCHED == PUSHES_WATCHED - 1:
             moved = (px - mx) ** 2 + (py - my) ** 2 + (pz - mz) ** 2
@@ -88,7 +119,7 @@ def push_out(tools, offsets, radius, x, y, z):  # type: ignore[no-untyped-def]
 @njit
 def _room_in_cell(tools, offsets, radius, step, x, y, z):  # type: ignore[no-untyped-def]
     """Return a lower bound of the distance at the middle x, y, z of a cell; -1 if no ball has room in the cell."""
-    enough = radius * (1.0 - ROUNDING)
+    enough = radius * (1.0 - 1e-6)
     phi, nx, ny, nz = nearest_wall(tools, offsets, x, y, z)
     middle = phi
     px, py, pz = x, y, z
