@@ -87,8 +87,8 @@ TRIPS = {
         ),
         ("flow driven by tools",),
     ),
-    "a charge that fills three quarters of its lattice": (
-        lambda path: write_charge(path, lattice((8, 8, 3)), volume=0.75),
+    "a charge that fills two thirds of its lattice": (
+        lambda path: write_charge(path, lattice((8, 8, 3)), volume=0.65),
         scene_text(3.0, "velocity: [0, 0, -1]", solver="end_time: 0.04, output_interval: 0.04"),
         ("packing inside, 5 %", "packing inside, farthest"),
     ),
