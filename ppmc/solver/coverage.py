@@ -5,14 +5,16 @@ and tips over like a pack of cards (docs/theory.md, "Charges that lean"). Nothin
 what the tools do afterwards is no moulding any more. A tool that closes on a charge that it has touched must stay
 covered; a tool that parts from it, rests, or is merely passed by need not.
 
-A tool presses in the direction of the force that it bore when most particles touched it. Two tools oppose each other if
-they press against each other, and close at the speed with which they approach along that direction. With the shares
-:math:`c_k` of the particles that touch tool k over the most that did,
+A tool presses in the direction of the force that it bore when it was covered most; its cover is the area of the
+charge that touches it on faces that look there, so that the flow may well leave the sides of a pin. Two tools oppose
+each other if they press against each other, and close at the speed with which they approach along that direction. With
+the cover :math:`a_k` of tool k over the most that it has been,
 
-.. math:: c_k = n_k / \max_{t' \le t} n_k(t'), \qquad
+.. math:: c_k = a_k / \max_{t' \le t} a_k(t'), \qquad
           s_k = \max_{m:\,d_m\cdot d_k < -1/2} (v_k - v_m)\cdot d_k
 
-tool k is judged while :math:`s_k > 0` and it moves itself or bears a fair part of what the tools bear.
+tool k is judged while :math:`s_k > 0` and it moves itself or bears a fair part of what the tools bear. Area, not
+particles: a charge that spreads over a plate and beyond takes its particles along, not its cover.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ppmc.solver.model import Touched
 from ppmc.solver.state import ParticleState
 
 OPPOSED = 0.5  # cosine, 60 degrees: less, and a wall is passed by or carries friction only, as side walls with draft do
@@ -33,12 +36,12 @@ LOST_WAY = 0.25
 
 @dataclass
 class Coverage:
-    """Running record of what each tool has touched; :meth:`add` takes one step after the other.
+    """Running record of what has covered each tool; :meth:`add` takes one step after the other.
 
     Attributes
     ----------
     most : ndarray, shape (tools,)
-        Most particles that touched each tool.
+        Most area that covered each tool, mm^2.
     direction : ndarray, shape (tools, 3)
         Unit vector in which it pressed then; zero if it never did.
     bearing : ndarray, shape (tools,)
@@ -77,41 +80,62 @@ class Coverage:
         speed = np.where(moves & ~facing.any(axis=1), own, speed)
         return np.where(moves | (self.bearing >= BEARING), speed, 0.0)
 
-    def add(self, time: float, contacts: np.ndarray, force: np.ndarray, closing: np.ndarray, dt: float) -> None:
+    def cover(self, touched: Touched, force: np.ndarray) -> np.ndarray:
+        """Area of the charge that covers each tool where it presses, shape (tools,), mm^2.
+
+        A tool that has not pressed before presses in the direction of its `force`, shape (tools, 3), Pa mm^2.
+        """
+        direction = np.where(self.direction.any(axis=1)[:, None], self.direction, _unit(-force))
+        facing = np.einsum("mc,mc->m", touched.normal, direction[touched.tool]) > OPPOSED
+        return np.bincount(touched.tool[facing], touched.area[facing], minlength=self.tools)
+
+    def add(self, time: float, cover: np.ndarray, force: np.ndarray, closing: np.ndarray, dt: float) -> None:
         """Count in a step of length `dt` that ended at `time`, s.
 
         Parameters
         ----------
         time, dt : float
             s.
-        contacts : ndarray, shape (tools,)
-            Particles that touch each tool at its end.
+        cover : ndarray, shape (tools,)
+            See :meth:`cover`, mm^2.
         force : ndarray, shape (tools, 3)
             Force of the charge on each tool, Pa mm^2.
         closing : ndarray, shape (tools,)
             See :meth:`closing`, mm/s.
         """
-        lost = (closing > 0.0) & (contacts < LET_GO * self.most)
+        lost = (closing > 0.0) & (cover < LET_GO * self.most)
         self.since = np.where(lost & (self.way == 0.0), time, self.since)
         self.way = np.where(lost, self.way + closing * dt, 0.0)
         size = np.linalg.norm(force, axis=1)
-        fuller = (contacts >= self.most) & (contacts > 0) & (size > 0.0)
-        self.direction[fuller] = -force[fuller] / size[fuller, None]
+        fuller = (cover >= self.most) & (cover > 0.0) & (size > 0.0)
+        self.direction[fuller] = _unit(-force[fuller])
         self.bearing[fuller] = size[fuller] / size.max(initial=1e-300)
-        self.most[fuller] = contacts[fuller]
+        self.most[fuller] = cover[fuller]
 
-    def share(self, contacts: np.ndarray, closing: np.ndarray) -> np.ndarray:
-        """Share of its most contacts that each tool has, shape (tools,); NaN where it is not judged."""
-        return np.where((closing > 0.0) & (self.most > 0.0), contacts / np.maximum(self.most, 1.0), np.nan)
+    def share(self, cover: np.ndarray, closing: np.ndarray) -> np.ndarray:
+        """Share of its most cover that each tool has, shape (tools,); NaN where it is not judged."""
+        return np.where((closing > 0.0) & (self.most > 0.0), cover / np.maximum(self.most, 1e-300), np.nan)
 
     def lost(self, spacing: float) -> np.ndarray:
         """Numbers of the tools that have lost the charge, of particles `spacing` mm apart."""
         return np.flatnonzero(self.way > LOST_WAY * spacing)
 
 
-def touching(state: ParticleState, tools: int) -> np.ndarray:
-    """Particles that touch each tool, shape (tools, n), bool, by their numbers in the charge."""
-    out = np.zeros((tools, len(state)), dtype=bool)
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (k, 3) at unit length, zero ones as they are."""
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)[:, None])
+
+
+def touching(state: ParticleState, directions: np.ndarray) -> np.ndarray:
+    """Particles that touch each tool where it presses, shape (tools, n), bool, by their numbers in the charge.
+
+    Of a tool that presses in one of the `directions`, shape (tools, 3), only faces that look there count: the flow may
+    well leave the sides of a pin. Of one that has not pressed yet, zero, all count.
+    """
+    out = np.zeros((len(directions), len(state)), dtype=bool)
     rows, faces = np.nonzero(state.contact_tool >= 0)
-    out[state.contact_tool[rows, faces], state.original[rows]] = True
+    tools = state.contact_tool[rows, faces]
+    along = np.einsum("mc,mc->m", state.contact_normal[rows, faces].astype(np.float64), directions[tools])
+    counts = (along > OPPOSED) | ~directions[tools].any(axis=1)
+    out[tools[counts], state.original[rows[counts]]] = True
     return out

@@ -43,7 +43,7 @@ from ppmc.solver.power import material_power, power_scale, tool_powers
 from ppmc.solver.reactions import add_reactions
 from ppmc.solver.reductions import dot
 from ppmc.solver.state import ParticleState
-from ppmc.solver.tool_loads import add_tool_loads, driven_share, face_areas
+from ppmc.solver.tool_loads import add_tool_loads, driven_share, face_areas, touched_faces
 from ppmc.solver.tools import RATE_MEMORY
 from ppmc.solver.transport import (
     compose,
@@ -308,8 +308,8 @@ class ExplicitIntegrator(ImplicitIntegrator):
         report.driven_share = driven_share(report.dissipation, released)
         report.contacts = int(near.contacts.active.any(axis=1).sum())
         contacts = near.contacts
-        overlap = np.where((contacts.tool >= 0) & ~contacts.active, np.maximum(-contacts.gap, 0.0), 0.0)
-        depth = overlap.max(axis=1, initial=0.0)
+        report.touched = touched_faces(contacts, near.area)
+        depth = -(contacts.gap - near.flattening).min(axis=1, initial=0.0)
         report.penetration = float(depth.max(initial=0.0))
         if report.penetration > 0.0:
             report.deepest = place_of(state, int(contacts.rows[np.argmax(depth)]))

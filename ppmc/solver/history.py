@@ -21,16 +21,16 @@ class StepMeasures:
     outside : OutsideMeasure
     press_force : float
         Of the moving tools along their motion, uN.
-    contacts, closing : ndarray, shape (tools,)
-        Particles that touch each tool; speed with which it closes on them, mm/s.
+    cover, closing : ndarray, shape (tools,)
+        Area of the charge that covers each tool, mm^2; speed with which it closes on the charge, mm/s.
     released : Place
-        Last particle that let go of the tool that had kept least of its contacts.
+        Last particle that let go of the tool that had kept least of its cover.
     """
 
     packing: PackingMeasure
     outside: OutsideMeasure
     press_force: float
-    contacts: np.ndarray
+    cover: np.ndarray
     closing: np.ndarray
     released: Place
 
@@ -44,8 +44,8 @@ def tool_columns(tools: tuple[str, ...]) -> tuple[str, ...]:
     """Columns of the tools, after all others."""
     forces = tuple(f"force_{tool}_{axis}" for tool in tools for axis in "xyz")
     moments = tuple(f"moment_{tool}_{axis}" for tool in tools for axis in "xyz")
-    contacts = tuple(f"contacts_{tool}" for tool in tools)
-    return (*forces, *moments, *contacts, *(f"closing_{tool}" for tool in tools))
+    cover = tuple(f"cover_{tool}" for tool in tools)
+    return (*forces, *moments, *cover, *(f"closing_{tool}" for tool in tools))
 
 
 class History:
@@ -85,7 +85,7 @@ class History:
             report.zero_energy_share, report.driven_share, mean_error, largest_error, *_cells(worst), packing.low,
             packing.high, packing.worst, *_cells(packing.at), outside.count, *_cells(outside.at),
             *_cells(measures.released), measures.press_force, *report.tool_force.ravel().tolist(),
-            *report.tool_moment.ravel().tolist(), *measures.contacts.tolist(), *measures.closing.tolist(),
+            *report.tool_moment.ravel().tolist(), *measures.cover.tolist(), *measures.closing.tolist(),
         ]  # fmt: skip
         self.rows.append([float(value) for value in row])
         with self.path.open("a", newline="") as handle:

@@ -19,9 +19,27 @@ class Place:
 NOWHERE = Place()
 
 
+@dataclass(frozen=True)
+class Touched:
+    """Faces that touch at the end of a solve.
+
+    Attributes
+    ----------
+    tool : ndarray, shape (m,), int32
+    normal : ndarray, shape (m, 3)
+        Unit normals out of the tools.
+    area : ndarray, shape (m,)
+        Area of the charge that lies at each, mm^2.
+    """
+
+    tool: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+    normal: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    area: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+
 @dataclass
 class StepReport:
-    """What one step did; every number but `parts` goes into the history."""
+    """What one step did; every number but `parts` goes into the history, of `touched` what covers each tool."""
 
     time_step: float = 0.0
     iterations: int = 0
@@ -36,6 +54,7 @@ class StepReport:
     driven_share: float = 1.0  # of the dissipation; what is left comes from the correction of packing
     tool_force: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     tool_moment: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    touched: Touched = field(default_factory=Touched)
     parts: int = 1  # into which the step is to be divided, with nothing advanced, if more than one
 
     def add_work_of(self, other: "StepReport") -> None:

@@ -151,7 +151,7 @@ class Simulation:
         self.step_size = step
         step = fit_to_times(self.time, step, target)
         last = step >= target - self.time
-        before, start = touching(self.state, len(self.model.walls.tools)), self.time
+        before, start = touching(self.state, self.coverage.direction), self.time
         self.report = self._guarded(lambda: self.integrator.step(self.time, step))
         self.time = target if last else self.time + step
         self.history.add(self.time, self.report, self.state, self._measure(before, self.time - start))
@@ -191,11 +191,11 @@ class Simulation:
         """Measure what a step of `dt` (s) has left; `before`, shape (tools, n), touched each tool at its start."""
         neighbours, walls = self.integrator.neighbours, self.model.walls
         assert neighbours is not None
-        touched = touching(self.state, len(walls.tools))
-        contacts = touched.sum(axis=1).astype(np.float64)
+        touched = touching(self.state, self.coverage.direction)
+        cover = self.coverage.cover(self.report.touched, self.report.tool_force)
         closing = self.coverage.closing(self._tool_velocities(dt))
-        self.coverage.add(self.time, contacts, self.report.tool_force, closing, dt)
-        share = self.coverage.share(contacts, closing)
+        self.coverage.add(self.time, cover, self.report.tool_force, closing, dt)
+        share = self.coverage.share(cover, closing)
         released = self.history.last_place("released")
         if not np.isnan(share).all():
             tool = int(np.nanargmin(share))
@@ -205,7 +205,7 @@ class Simulation:
                 released = Place(int(gone[0]), (x1, x2, x3))
         return StepMeasures(
             self.integrator.take_packing(self.time), outside(self.state, walls, neighbours, self.time),
-            self._press_force(), contacts, closing, released,
+            self._press_force(), cover, closing, released,
         )  # fmt: skip
 
     def _check_coverage(self) -> None:

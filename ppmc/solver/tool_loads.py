@@ -6,7 +6,7 @@ from ppmc.errors import NumericalError
 from ppmc.solver.conjugate_gradient import Solution
 from ppmc.solver.contact import FACES, Contacts, between_wall_layers
 from ppmc.solver.gradient import velocity_gradient
-from ppmc.solver.model import Model, Place, StepReport
+from ppmc.solver.model import Model, Place, StepReport, Touched
 from ppmc.solver.operator import Operator
 from ppmc.solver.power import material_power, power_scale, tool_powers
 from ppmc.solver.state import ParticleState
@@ -27,6 +27,12 @@ def wall_drag(model: Model, state: ParticleState, contacts: Contacts, operator: 
 def face_areas(state: ParticleState, contacts: Contacts) -> np.ndarray:
     """Area, mm^2, with which each particle near a tool lies at each face, shape (m, 3)."""
     return contacts.areas(state.volume[contacts.rows] * state.volume_ratio[contacts.rows])
+
+
+def touched_faces(contacts: Contacts, areas: np.ndarray) -> Touched:
+    """Return the faces that touch; `areas`, shape (m, 3), mm^2, are those of all faces near."""
+    on = contacts.active
+    return Touched(contacts.tool[on], contacts.normal[on], areas[on])
 
 
 def held_by_air(model: Model, state: ParticleState, contacts: Contacts) -> np.ndarray:
@@ -90,7 +96,9 @@ def account(
     forces *= power_scale(body, *tool_powers(contacts, forces, drag, v[contacts.rows]))
     add_tool_loads(model, contacts, forces + drag, operator.positions[contacts.rows], report)
     report.contacts = int(contacts.active.any(axis=1).sum())
-    depth = contacts.violations(v[contacts.rows], time_step).max(axis=1, initial=0.0)
+    report.touched = touched_faces(contacts, face_areas(state, contacts))
+    # Of touched faces, too: between two that close on it a particle can obey one only.
+    depth = -contacts.departures(v[contacts.rows], time_step).min(axis=1, initial=0.0)
     report.penetration = float(depth.max(initial=0.0))
     if report.penetration > 0.0:
         row = int(contacts.rows[np.argmax(depth)])

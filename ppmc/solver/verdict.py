@@ -39,13 +39,13 @@ class Limits:
 
 REASONS = {
     "mean_volume_error": "one per cent, what K = 33 eta11 x closing rate leaves of the pressure (A5, theory)",
-    "largest_volume_error": "a tenth: ten times the mean's; a tenth of a spacing or so for the layer that it is in",
+    "largest_volume_error": "a tenth: ten times what the mean may be; the pressure there is as far off",
     "packing_low": "errors of a tenth are more than the correction of packing still counts",
     "packing_high": "errors of a tenth are more than the correction of packing still counts",
-    "packing_worst": "a free surface reads .7: farther off, and a hole or a double layer is inside",
+    "packing_worst": "a plane free surface reads .71: farther off inside, and there is a hole, or as much too much",
     "unconverged": "a solve that gave up has velocities and touching faces of unknown error",
-    "penetration": "two per cent of a spacing, a tenth of the gap at which a step moves the wall layer",
-    "coverage": "a tool that closes on the charge loses contact only where that leaves it; half is no squeeze any more",
+    "penetration": "two per cent of a spacing: four of a wall layer's half-width, and so of its share of the volume",
+    "coverage": "a charge that is pressed spreads: where half of what covered a closing tool has left it, it tips over",
     "driven_share": "less than half: the correction of packing and stored pressure move the charge, not the tools",
     "zero_energy_share": "half: particles would resist by what velocity gradients do not see as much as by viscosity",
     "outside": "a centre in a tool, or without three neighbours: nothing that it carries means anything",
@@ -92,7 +92,7 @@ def judge(history: Columns, tools: Sequence[str], spacing: float, limits: Limits
 
 
 def coverage(history: Columns, tools: Sequence[str]) -> np.ndarray:
-    """Share of its most contacts that each tool has after each step, shape (steps, tools); NaN where it is not judged.
+    """Share of its most cover that each tool has after each step, shape (steps, tools); NaN where it is not judged.
 
     A tool counts where it closes on the charge, see :mod:`ppmc.solver.coverage`.
     """
@@ -100,15 +100,15 @@ def coverage(history: Columns, tools: Sequence[str]) -> np.ndarray:
 
 
 def follow(history: Columns, tools: Sequence[str]) -> tuple[Coverage, np.ndarray]:
-    """Return the record of what each tool has touched, after all steps, and :func:`coverage`."""
+    """Return the record of what has covered each tool, after all steps, and :func:`coverage`."""
     n = len(history["time"])
-    contacts = np.array([history[f"contacts_{tool}"] for tool in tools]).reshape(len(tools), n).T
+    cover = np.array([history[f"cover_{tool}"] for tool in tools]).reshape(len(tools), n).T
     closing = np.array([history[f"closing_{tool}"] for tool in tools]).reshape(len(tools), n).T
     record, out = Coverage(len(tools)), np.full((n, len(tools)), np.nan)
     durations = np.diff(history["time"], prepend=0.0)
     for k in range(n):
-        record.add(float(history["time"][k]), contacts[k], forces(history, tools, k), closing[k], float(durations[k]))
-        out[k] = record.share(contacts[k], closing[k])
+        record.add(float(history["time"][k]), cover[k], forces(history, tools, k), closing[k], float(durations[k]))
+        out[k] = record.share(cover[k], closing[k])
     return record, out
 
 
@@ -192,7 +192,7 @@ def _share(
 
 def _covered(h: Columns, tools: Sequence[str], limits: Limits) -> Finding:
     """Return the least coverage of a tool that closes on the charge."""
-    told = "contacts kept by a closing tool"
+    told = "cover kept by a closing tool"
     shares = coverage(h, tools)
     if not np.any(~np.isnan(shares)):
         return _finding("coverage", told, None, limits, least=True)
@@ -226,7 +226,7 @@ def let_go(record: Coverage, tools: Sequence[str], spacing: float, released: Pla
     if released.particle >= 0:
         where = ", particle {} last at ({:.4g}, {:.4g}, {:.4g}) mm".format(released.particle, *released.position)
     return (
-        f"the charge has let go of {names}: since t = {since:.6g} s less than {LET_GO:.0%} of what touched there is "
+        f"the charge has let go of {names}: since t = {since:.6g} s less than {LET_GO:.0%} of what covered them is "
         f"left{where}, while the tools closed by {way:.3g} mm more; such a charge leans and tips over: wall friction, "
         "side walls, less height for its width or solver.ambient_pressure hold it back"
     )

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ppmc.chain import is_current, links, run_chain
+from ppmc.cli import _run
 from ppmc.files import FIELDS, open_series
 from ppmc.files.describe import describe_file, verify_file
+from ppmc.files.verdict import verdict_of
 from ppmc.scene import Scene, load_scene, run_paths
 
 SCENE = """\
@@ -121,3 +124,32 @@ def test_files_that_the_analysis_names_are_watched(tmp_path: Path) -> None:
     scene = load_scene(tmp_path / "scene.yaml")
     *_, analysis = links(scene, run_paths(scene, tmp_path / "run"))
     assert {path.name for path in analysis.inputs} >= {"flow.vtkhdf", "part.vtu", "front.png"}
+
+
+def test_the_report_begins_with_the_verdict(done: tuple[Scene, Path]) -> None:
+    scene, folder = done
+    verdict = verdict_of(run_paths(scene, folder).flow)
+    assert verdict is not None and verdict.passed
+    page = (folder / "report.html").read_text()
+    assert 'href="#s1">Verdict</a>' in page
+    assert page.index("The flow passed: all 11 limits kept.") < page.index("Overview</h2>")
+    told = json.loads((folder / "analysis.json").read_text())["verdict"]
+    assert told == json.loads(json.dumps(verdict.as_facts()))
+
+
+def test_a_strict_run_writes_everything_and_ends_with_4(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A solve that may not iterate breaks a limit; run again, nothing is computed and the answer is the same."""
+    text = SCENE[: SCENE.index("phantom:")] + SCENE[SCENE.index("charge:") :]
+    text = text.replace("{source: ct, fallback: {source: nearest}}", "{source: planar_random}")
+    text = text.replace("end_time: 0.2 s, output_interval: 0.1 s", "end_time: 0.02 s, max_iterations: 8")
+    (tmp_path / "scene.yaml").write_text(text)
+    arguments = ["run", str(tmp_path / "scene.yaml"), "--workdir", str(tmp_path / "run")]
+    assert _run([*arguments, "--strict"]) == 4
+    assert "takes no broken limit: unconverged solves" in capsys.readouterr().err
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert page.index("NOT PASSED: 1 of 11 limits not kept") < page.index("Overview</h2>")
+    assert _run([*arguments, "--strict"]) == 4
+    told = capsys.readouterr().err
+    assert told.count("unchanged") == 3 and "verdict NOT PASSED" in told
+    assert _run([*arguments, "--strict", "--only", "charge"]) == 0
+    assert _run(arguments) == 0

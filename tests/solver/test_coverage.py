@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from ppmc.solver.coverage import LET_GO, LOST_WAY, Coverage
+from ppmc.solver.model import Touched
 
 DOWN, UP = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0])
 REST = np.zeros(3)
 
 
 def record(*tools):
-    """Record of tools that press in given directions, by forces of given size, each touched by 64 particles."""
+    """Record of tools that press in given directions, by forces of given size, each covered by 64 mm^2."""
     out = Coverage(len(tools))
     force = -np.array([size * np.asarray(direction) for direction, size in tools])
     out.add(0.1, np.full(len(tools), 64.0), force, np.zeros(len(tools)), 0.1)
@@ -87,3 +88,13 @@ def test_the_direction_is_that_of_the_fullest_contact():
     sideways = np.array([[50.0, 0.0, 0.0], [-50.0, 0.0, 0.0]])
     out.add(0.2, np.array([20.0, 20.0]), sideways, np.zeros(2), 0.1)
     np.testing.assert_allclose(out.direction, [DOWN, UP])
+
+
+def test_only_faces_that_look_where_a_tool_presses_cover_it():
+    """A pin under a ram: its top counts, its sides do not; a plate that has not pressed yet presses by its force."""
+    tools = record((UP, 100.0), (DOWN, 100.0))
+    normal = np.array([UP, [1.0, 0.0, 0.0], [0.0, 0.6, 0.8], DOWN])
+    faces = Touched(np.array([0, 0, 0, 1], dtype=np.int32), normal, np.array([1.0, 2.0, 4.0, 8.0]))
+    np.testing.assert_array_equal(tools.cover(faces, np.zeros((2, 3))), [5.0, 8.0])
+    np.testing.assert_array_equal(Coverage(2).cover(faces, np.array([DOWN, UP])), [5.0, 8.0])
+    np.testing.assert_array_equal(Coverage(2).cover(faces, np.zeros((2, 3))), [0.0, 0.0])

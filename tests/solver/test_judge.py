@@ -30,7 +30,7 @@ def table(tmp_path):
     columns |= {name: np.ones(STEPS) for name in ("packing_low", "packing_high", "packing_worst", "driven_share")}
     columns |= {name: np.full(STEPS, -1.0) for name in columns if name.endswith("_particle")}
     columns["dissipation"] = np.full(STEPS, 2.0)
-    columns |= {"contacts_lower": np.full(STEPS, 8.0), "contacts_ram": np.full(STEPS, 8.0)}
+    columns |= {"cover_lower": np.full(STEPS, 8.0), "cover_ram": np.full(STEPS, 8.0)}
     columns |= {"closing_lower": np.ones(STEPS), "closing_ram": np.ones(STEPS)}
     columns |= {"force_lower_z": np.full(STEPS, -5.0), "force_ram_z": np.full(STEPS, 5.0)}
     return columns
@@ -116,7 +116,7 @@ def test_steps_without_an_interior_are_passed_over(tmp_path):
 
 def test_a_closing_tool_must_stay_covered(tmp_path):
     columns = table(tmp_path)
-    columns["contacts_ram"][:] = [8.0, 4.0, 3.0, 8.0]
+    columns["cover_ram"][:] = [8.0, 4.0, 3.0, 8.0]
     columns["released_particle"][2] = 5
     for axis in (1, 2, 3):
         columns[f"released_x{axis}"][2] = axis
