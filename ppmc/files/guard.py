@@ -19,6 +19,7 @@ from ppmc.files.text import attribute
 
 UNIT_TOLERANCE = 1e-3
 ORTHOGONAL_TOLERANCE = 5e-3
+LEAST_SINE = 1e-3
 MOST_COMPRESSION = 1100  # deflate cannot shrink further than about 1030 : 1
 SMALL_BYTES = 16 * 2**20
 MOST_OBJECTS = 20_000
@@ -319,6 +320,20 @@ def check_orthogonal(a: NDArray[Any], b: NDArray[Any], names: tuple[str, str], p
         f"must be orthogonal to {names[1]} (their dot product is not 0)",
         names[0],
         path,
+    )
+
+
+def check_not_parallel(a: NDArray[Any], b: NDArray[Any], names: tuple[str, str], path: Path) -> None:
+    """Verify that two fields of unit vectors, shape (n, 3), span a plane everywhere.
+
+    Raises
+    ------
+    InputFileError
+        Naming both datasets and the first offending entry.
+    """
+    sine = np.linalg.norm(np.cross(np.asarray(a, np.float64), np.asarray(b, np.float64)), axis=-1)
+    _refuse(
+        sine < LEAST_SINE, sine, f"is parallel to {names[1]} (sine of their angle); they span no plane", names[0], path
     )
 
 

@@ -6,6 +6,7 @@ Each type below is a float after validation, in ppmc's units: mm, s, g, Pa (1 Pa
 from __future__ import annotations
 
 import math
+import re
 from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,6 +15,10 @@ from pydantic_core import PydanticCustomError
 
 if TYPE_CHECKING:
     import pint
+
+LONGEST, MOST_POWERS = 80, 3
+_POWER = re.compile(r"\*\*|\^")
+_SMALL_POWER = re.compile(r"(?:\*\*|\^)\s*\(?\s*[-+]?\d{1,2}(?:\.\d{1,3})?(?![\d.])\s*\)?(?!\s*(?:\*\*|\^))")
 
 
 @lru_cache(maxsize=1)
@@ -43,7 +48,12 @@ def to_base(value: Any, unit: str) -> float:
         shown = str(value).lower() if isinstance(value, bool) else type(value).__name__
         raise _refusal("expected a number or a quantity such as '1 {unit}', got {value}", shown, unit)
     if not isinstance(value, str):
-        return float(value)
+        try:
+            return float(value)
+        except OverflowError:
+            raise _refusal("'{value}...' is beyond all numbers", str(value)[:20], unit) from None
+    if not _is_tame(value):
+        raise _refusal("'{value}' is no simple quantity; write for example '1 {unit}'", value[:40], unit)
     import pint
 
     try:
@@ -57,6 +67,12 @@ def to_base(value: Any, unit: str) -> float:
     except Exception:
         # pint passes on whatever its tokenizer and evaluator stumble over.
         raise _refusal("'{value}' is not a quantity; write for example '1 {unit}'", value, unit) from None
+
+
+def _is_tame(text: str) -> bool:
+    """Return whether a text can be evaluated in no time: short, of few and small powers, none of them stacked."""
+    powers = _POWER.findall(text)
+    return len(text) <= LONGEST and len(powers) <= MOST_POWERS and len(powers) == len(_SMALL_POWER.findall(text))
 
 
 def _refusal(message: str, value: str, unit: str) -> PydanticCustomError:
