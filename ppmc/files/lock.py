@@ -144,6 +144,7 @@ class _Held:
 
 
 _HELD: dict[Path, _Held] = {}
+os.register_at_fork(after_in_child=_HELD.clear)  # locks stay with the parent
 
 
 def _myself() -> dict[str, Any]:

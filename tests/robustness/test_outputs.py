@@ -110,9 +110,9 @@ def holding(path: Path) -> int:
             os.write(writing, b"x")
             time.sleep(600)
         os._exit(0)
-    os.read(reading, 1)
-    os.close(reading)
     os.close(writing)
+    assert os.read(reading, 1) == b"x"
+    os.close(reading)
     return child
 
 
@@ -135,25 +135,31 @@ def test_the_second_writer_is_refused_and_told_of_the_first(case: Path, capsys: 
 
 
 def test_of_two_at_once_one_wins(tmp_path: Path) -> None:
-    """Both wait for the same instant; the first holds on until the second has failed."""
+    """Both try at once; whoever wins holds on until both have tried."""
     for pair in range(20):
-        begin = time.monotonic() + 0.02
+        told, tell = os.pipe()
+        wait, go = os.pipe()
         children = []
         for _ in range(2):
             child = os.fork()
             if child == 0:
-                while time.monotonic() < begin:
-                    pass
+                os.close(go)
                 try:
                     with locked([Claim(tmp_path / f"{pair}.vtkhdf")]):
-                        time.sleep(0.3)
+                        os.write(tell, b"0")
+                        os.read(wait, 1)
                         confirm_locks()
                     os._exit(0)
                 except StorageError:
+                    os.write(tell, b"5")
                     os._exit(5)
             children.append(child)
+        assert sorted(os.read(told, 1) + os.read(told, 1)) == sorted(b"05"), pair
+        os.close(go)
         codes = sorted(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) for child in children)
         assert codes == [0, 5], pair
+        for end in (told, tell, wait):
+            os.close(end)
 
 
 def test_a_lock_that_was_lost_is_noticed(tmp_path: Path) -> None:
