@@ -9,9 +9,12 @@ could matter opens a new folder, and an edit elsewhere compiles nothing anew.
 from __future__ import annotations
 
 import ast
+import errno
 import hashlib
 import os
 import shutil
+import stat
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -53,7 +56,9 @@ def _compiled(function: Callable[..., Any], options: dict[str, Any], *signatures
     """Hand a function to numba, its cache in the folder of its module."""
     given = numba.config.CACHE_DIR  # type: ignore[attr-defined]
     if not given and options["cache"]:
-        numba.config.CACHE_DIR = _folder_of(function.__module__)  # type: ignore[attr-defined]
+        folder = _folder_of(function.__module__)
+        options = options | {"cache": folder is not None}
+        numba.config.CACHE_DIR = folder or ""  # type: ignore[attr-defined]
     try:
         return numba.njit(*signatures, **options)(function)
     finally:
@@ -90,32 +95,66 @@ def use_threads(count: int) -> None:
 
 
 @cache
-def _folder_of(module: str) -> str:
-    """Return the cache folder of a module's kernels, and drop those of its states long out of use."""
+def _folder_of(module: str) -> str | None:
+    """Return the cache folder of a module's kernels, None if there is no safe place; drop those long out of use."""
     root = _cache_root()
+    if root is None:
+        return None
     folder = root / f"{module}-{_digest_of(module)}"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        _make_own(folder)
         os.utime(folder)
         states = sorted(root.glob(f"{module}-*"), key=lambda f: f.stat().st_mtime, reverse=True)
         for stale in states[KEPT_FOLDERS:]:
             if time.time() - stale.stat().st_mtime > FRESH_SECONDS:
                 shutil.rmtree(stale, ignore_errors=True)
     except OSError:
-        # A read-only home is no reason to stop: kernels are then compiled anew in each process.
-        return tempfile.mkdtemp(prefix="ppmc-kernels-")
+        return None
     return str(folder)
 
 
-def _cache_root() -> Path:
-    """Return the folder that holds the cache folders of all modules."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    if base:
-        return Path(base) / "ppmc" / "kernels"
+@cache
+def _cache_root() -> Path | None:
+    """Return the folder of all modules' kernels; None, said once, if none can be kept or trusted.
+
+    Kernels are then compiled anew in each process: a read-only home is no reason to stop, and a folder that others can
+    write to is none to load programs from.
+    """
     try:
-        return Path.home() / ".cache" / "ppmc" / "kernels"
-    except RuntimeError:
-        return Path(tempfile.gettempdir()) / f"ppmc-kernels-{os.getuid()}"
+        base = os.environ.get("XDG_CACHE_HOME")
+        given = Path(base) if base and Path(base).is_absolute() else Path.home() / ".cache"
+        root = given / "ppmc" / "kernels"
+        _make_own(root)
+        for parent in root.resolve().parents:
+            found = parent.stat()
+            open_to_all = found.st_mode & stat.S_IWOTH and not found.st_mode & stat.S_ISVTX
+            if found.st_uid not in (0, os.geteuid()) or open_to_all:
+                raise PermissionError(errno.EPERM, "could be exchanged by other users", str(parent))
+        with tempfile.TemporaryFile(dir=root):
+            return root
+    except (OSError, RuntimeError) as error:
+        reason = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) else str(error)
+        print(f"ppmc: compiled kernels cannot be kept ({reason}); every start takes longer", file=sys.stderr)
+        return None
+
+
+def _make_own(folder: Path) -> None:
+    """Make a folder that nobody else can write to, or make sure that an existing one is.
+
+    Kernels in it are loaded as pickles: whoever can write there runs programs in our name.
+
+    Raises
+    ------
+    OSError
+        If it is another user's, no folder, or cannot be made.
+    """
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(mode=0o700, exist_ok=True)
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.geteuid():
+        raise PermissionError(errno.EPERM, "is not a folder of this user", str(folder))
+    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        folder.chmod(stat.S_IMODE(found.st_mode) & ~(stat.S_IWGRP | stat.S_IWOTH))
 
 
 def _digest_of(module: str) -> str:

@@ -7,6 +7,7 @@ is several cells wide.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -77,7 +78,10 @@ class Cells:
         if scratch is None:
             self.sums = np.empty(whole, np.float32)
         else:
-            self.sums = np.memmap(scratch, np.float32, "w+", shape=whole)
+            # Room is taken first: a disk that fills up under mapped memory ends the process with a signal.
+            with scratch.open("wb") as file:
+                os.posix_fallocate(file.fileno(), 0, 4 * int(np.prod(whole)))
+            self.sums = np.memmap(scratch, np.float32, "r+", shape=whole)
         sums = self.sums
 
         def work(box: Box) -> None:

@@ -80,7 +80,7 @@ class _Held:
                 self._lock()
             except OSError as error:
                 holder = _read_holder(self.file) if error.errno in TAKEN else ""
-                os.close(self.file)
+                self._close()
                 if error.errno in TAKEN:
                     raise StorageError(
                         f"{self.claim.path}: {holder or 'another process'} is writing it; wait for its end, or name "
@@ -89,7 +89,7 @@ class _Held:
                 raise StorageError(f"{self.path}: cannot be locked ({error.strerror})") from None
             if self._is_named():
                 break
-            os.close(self.file)  # its last owner has just removed it
+            self._close()  # its last owner has just removed it
         with suppress(OSError):  # on a full disk the lock holds, but has no name
             text = json.dumps(_myself()).encode()
             os.ftruncate(self.file, 0)
@@ -130,20 +130,28 @@ class _Held:
                 raise StorageError(f"{self.path}: the lock cannot be confirmed ({error.strerror})") from None
             holder = _read_holder(self.file) or "another process"
             raise StorageError(f"{self.claim.path}: {holder} has begun to write it; this run stops") from None
-        os.close(self.file)
+        self._close()
         del _HELD[self.path]
         self.take()
 
     def release(self) -> None:
         """Give the lock back; its file goes while nobody else can hold it."""
         _HELD.pop(self.path, None)
-        if not self.claim.shared and self._is_named():
+        if self.file >= 0:
             with suppress(OSError):
-                self.path.unlink()
+                if self.claim.shared:
+                    fcntl.lockf(self.file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # fails while others share it
+                if self._is_named():
+                    self.path.unlink()
+            self._close()
+
+    def _close(self) -> None:
         os.close(self.file)
+        self.file = -1
 
 
 _HELD: dict[Path, _Held] = {}
+os.register_at_fork(after_in_child=_HELD.clear)  # locks stay with the parent
 
 
 def _myself() -> dict[str, Any]:

@@ -17,6 +17,7 @@ from ppmc.files.fields import FIELDS, Field
 from ppmc.files.fields import field as spec_of
 from ppmc.files.guard import (
     check_layout,
+    check_not_parallel,
     check_orthogonal,
     check_values,
     compare_whole,
@@ -146,5 +147,8 @@ def read_particles(path: Path, product: str) -> ParticleFile:
         if "platelet_normal" in fields:
             names = ("/VTKHDF/PointData/fibre_direction", "platelet_normal")
             check_orthogonal(fields["fibre_direction"], fields["platelet_normal"], names, path)
+        if product == "charge":
+            names = ("/VTKHDF/PointData/in_plane_direction", "fibre_direction")
+            check_not_parallel(fields["in_plane_direction"], fields["fibre_direction"], names, path)
         extra = read_json(file["ppmc"], "extra") if "ppmc" in file else {}
         return ParticleFile(positions, fields, extra, Provenance.load(file))

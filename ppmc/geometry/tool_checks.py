@@ -22,6 +22,7 @@ ALONG = 0.3
 SAMPLES_ALONG = 12
 INSTANTS = 4
 MOST_KNOTS = 50
+SMALLEST_MOVE = 1e-9  # of the reach: what is no rounding
 
 
 @dataclass(frozen=True)
@@ -148,6 +149,48 @@ def check_charge_clear(tools: ToolSet, points: ArrayLike, tolerance: float = 1e-
         raise SceneError(
             "tooling: the charge starts inside a tool: " + "; ".join(faults) + "; move the charge or the tool"
         )
+
+
+def idle_tools(tools: ToolSet, points: ArrayLike, reach: float, end_time: float) -> list[str]:
+    """Return a line for each moving tool that never touches the charge, or only leaves it.
+
+    Parameters
+    ----------
+    tools : ToolSet
+        The tools.
+    points : array_like, shape (n, 3)
+        Places of the charge at the start, mm.
+    reach : float
+        Distance from a particle's centre at which a tool touches it, mm.
+    end_time : float
+        End of the run, s; tools under force may go as far as their speed and travel allow.
+    """
+    where = as_points(points)
+    times = _instants(tools, end_time)
+    offsets = [_furthest(tools, time) for time in times]
+    nearest = np.array([signed_distances(tools.arrays, shift, where)[0].min(axis=1) for shift in offsets])
+    lines = []
+    for k, name in enumerate(tools.names):
+        moved = np.array([shift[k] for shift in offsets])
+        if not np.abs(moved - moved[0]).max() > 0.0:
+            continue
+        closest = int(np.argmin(nearest[:, k]))
+        if nearest[closest, k] > reach:
+            lines.append(
+                f"tool '{name}' never reaches the charge: it comes no nearer than {nearest[closest, k]:.4g} mm up to "
+                f"{end_time:.4g} s; move it, or give it more speed, travel or time"
+            )
+        elif closest == 0 and (np.diff(nearest[:, k]) > SMALLEST_MOVE * reach).all():
+            lines.append(f"tool '{name}' only leaves the charge; turn its motion round if it is to press")
+    return lines
+
+
+def _furthest(tools: ToolSet, time: float) -> FloatArray:
+    """Return where each tool is, shape (tools, 3), mm; those under force as far as nothing holds them up."""
+    offsets = tools.offsets(time)
+    for forced in tools.motions.forced:
+        offsets[forced.tool] = forced.direction * min(forced.max_speed * time, forced.travel)
+    return offsets
 
 
 def _instants(tools: ToolSet, end_time: float) -> list[float]:

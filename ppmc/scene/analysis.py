@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from ppmc.scene.base import Section
+from ppmc.scene.base import Name, Section
 from ppmc.scene.units import (
     Angle,
     Direction,
@@ -19,8 +19,6 @@ from ppmc.scene.units import (
     Time,
 )
 
-# Names become file names and table entries.
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$", max_length=60)]
 AxisName = Literal["x1", "x2", "x3"]
 
 

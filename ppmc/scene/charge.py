@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
-from ppmc.scene.base import Section
+from ppmc.scene.base import Name, Section
 from ppmc.scene.tooling import CylinderTool, ExtrusionTool, MeshTool, RevolutionTool, RoundedBoxTool
 from ppmc.scene.units import (
     Angle,
@@ -247,7 +247,7 @@ class RegionalOrientation(Section):
     """Planar random about the normal of the region a particle is in (D, Fig 5); the nearest region if in none."""
 
     source: Literal["regional"] = "regional"
-    regions: dict[str, NormalRegion] = Field(min_length=1)
+    regions: dict[Name, NormalRegion] = Field(min_length=1)
     """Regions by name; where they overlap the first counts."""
 
 

@@ -15,6 +15,8 @@ from ppmc.errors import SceneError
 from ppmc.scene.scene import Scene
 
 MOST_BYTES = 1_000_000
+MOST_VALUES = 20_000  # a second of reading
+DEEPEST = 40
 MOST_ERRORS_SHOWN = 8
 
 TAGS = ("shape", "source", "model", "kind")
@@ -98,15 +100,25 @@ def _read_yaml(text: str, path: Path) -> tuple[dict[Location, int], Any]:
     """Return the line of every key, and the data."""
     from ruamel.yaml import YAML
     from ruamel.yaml.error import MarkedYAMLError, YAMLError
-    from ruamel.yaml.events import AliasEvent
+    from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent, ScalarEvent
 
     yaml = YAML(typ="safe", pure=True)
+    lines: dict[Location, int] = {}
     try:
+        depth = values = 0
         for event in yaml.parse(text):
+            line = event.start_mark.line + 1
             if isinstance(event, AliasEvent):
-                line = event.start_mark.line + 1
                 raise SceneError(f"{path}:{line}: aliases (*name) are not used in scenes; write the value out")
+            depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+            values += isinstance(event, ScalarEvent)
+            if depth > DEEPEST:
+                raise SceneError(f"{path}:{line}: nested more than {DEEPEST} deep; no section of a scene is")
+            if values > MOST_VALUES:
+                raise SceneError(f"{path}:{line}: holds more than {MOST_VALUES:,} values; put long lists into files")
         node = yaml.compose(text)
+        if node is not None:
+            _note_lines(node, (), lines, path)
         data = YAML(typ="safe", pure=True).load(text)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -114,22 +126,27 @@ def _read_yaml(text: str, path: Path) -> tuple[dict[Location, int], Any]:
         raise SceneError(f"{path}:{line}: not readable as YAML: {error.problem or error.context}") from None
     except (YAMLError, RecursionError, ValueError) as error:
         raise SceneError(f"{path}:1: not readable as YAML: {str(error).splitlines()[0]}") from None
-    lines: dict[Location, int] = {}
-    if node is not None:
-        _note_lines(node, (), lines)
     return lines, data
 
 
-def _note_lines(node: Any, here: Location, lines: dict[Location, int]) -> None:
-    """Collect the line (from 1) of every key and list item below a YAML node."""
+def _note_lines(node: Any, here: Location, lines: dict[Location, int], path: Path) -> None:
+    """Collect the line (from 1) of every key and list item below a YAML node.
+
+    Raises
+    ------
+    SceneError
+        If a key is a list or a mapping.
+    """
     lines.setdefault(here, node.start_mark.line + 1)
     if node.id == "mapping":
         for key, value in node.value:
+            if key.id != "scalar":
+                raise SceneError(f"{path}:{key.start_mark.line + 1}: a key must be a word, not a list or a mapping")
             lines[(*here, key.value)] = key.start_mark.line + 1
-            _note_lines(value, (*here, key.value), lines)
+            _note_lines(value, (*here, key.value), lines, path)
     elif node.id == "sequence":
         for i, value in enumerate(node.value):
-            _note_lines(value, (*here, i), lines)
+            _note_lines(value, (*here, i), lines, path)
 
 
 def _explain_all(error: ValidationError, data: Any, lines: dict[Location, int], path: Path) -> list[str]:

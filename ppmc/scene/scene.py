@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field, PrivateAttr
 
 from ppmc.errors import SceneError
 from ppmc.scene.analysis import AnalysisSection
-from ppmc.scene.base import Section
+from ppmc.scene.base import Name, Section
 from ppmc.scene.charge import ChargeSection
 from ppmc.scene.ct import CtSection
 from ppmc.scene.material import MaterialSection
@@ -40,7 +40,7 @@ class Scene(Section):
     charge: ChargeSection | None = None
     """Particles and their initial orientations."""
 
-    tooling: dict[str, Tool] | None = None
+    tooling: dict[Name, Tool] | None = None
     """Tools by name: shape, motion and wall law."""
 
     material: MaterialSection | None = None

@@ -15,6 +15,9 @@ from ppmc.scene.units import (
     PositiveTime,
 )
 
+MOST_FRAMES = 100_000
+LONGEST_TIME = 1e9  # s, thirty years
+
 
 class ZeroEnergyControl(Section):
     """Stiffness of modes that averaged gradients do not see, in units of the material's own."""
@@ -101,6 +104,14 @@ class SolverSection(Section):
         if self.output_times is not None and max(self.output_times) > self.end_time:
             raise ValueError(
                 f"output time {max(self.output_times):g} s cannot be reached: `end_time` is {self.end_time:g} s"
+            )
+        if self.end_time > LONGEST_TIME:
+            raise ValueError(f"`end_time` of {self.end_time:.3g} s is no moulding; at most {LONGEST_TIME:.0g} s")
+        frames = self.end_time / (self.output_interval or self.end_time)
+        if frames > MOST_FRAMES:
+            raise ValueError(
+                f"`output_interval` of {self.output_interval:.3g} s asks for {frames:.3g} frames up to "
+                f"{self.end_time:.3g} s; at most {MOST_FRAMES:,}"
             )
         if self.integrator == "explicit" and self.reynolds_number == 0.0 and self.density is None:
             raise ValueError(

@@ -35,7 +35,10 @@ def to_base(value: Any, unit: str) -> float:
         shown = str(value).lower() if isinstance(value, bool) else type(value).__name__
         raise _refusal("expected a number or a quantity such as '1 {unit}', got {value}", shown, unit)
     if not isinstance(value, str):
-        return float(value)
+        try:
+            return float(value)
+        except OverflowError:
+            raise _refusal("'{value}...' is beyond all numbers", str(value)[:20], unit) from None
     try:
         return parse_quantity(value, unit)
     except QuantityError as error:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ppmc.geometry.tool_checks import check_tools_apart
+from ppmc.geometry.tool_checks import SAMPLES_ALONG, check_tools_apart, idle_tools
 from ppmc.geometry.toolset import compile_tools
 from ppmc.scene.materials.relations import axial_viscosity
 from ppmc.solver.estimates import (
@@ -64,6 +64,9 @@ def findings(scene: Scene) -> list[str]:
     lines += _cost(settings, material, plan, charge, exact)
     if fixed is not None:
         lines.append(_narrow(fixed, charge))
+    axes = [np.linspace(a, b, SAMPLES_ALONG) for a, b in zip(charge.low, charge.high, strict=True)]
+    box = np.array(np.meshgrid(*axes, indexing="ij")).reshape(3, -1).T
+    lines += idle_tools(tools, box, float(np.max(charge.spacing)), settings.end_time)
     return lines + (_exact(exact) if exact is not None else [])
 
 

@@ -44,7 +44,7 @@ def prepare(scene: Scene, charge: ParticleFile) -> tuple[Model, ParticleState]:
     """
     tools = compile_tools(scene.require("tooling"), scene.directory)
     settings, material = scene.require("solver"), scene.require("material")
-    spacing = _spacing(charge)
+    spacing = spacing_of(charge)
     walls = Walls(tools, spacing)
     _check_outside(charge.positions, tools, float(spacing.min()))
     state = ParticleState.at_rest(
@@ -128,7 +128,8 @@ def column_height(positions: np.ndarray, direction: np.ndarray, spacing: np.ndar
     return float(np.median([np.ptp(along[column]) for column in columns]) + step)
 
 
-def _spacing(charge: ParticleFile) -> np.ndarray:
+def spacing_of(charge: ParticleFile) -> np.ndarray:
+    """Spacing of a charge's lattice, mm, shape (3,)."""
     given = charge.extra.get("spacing")
     if given is not None:
         return np.broadcast_to(np.asarray(given, dtype=np.float64), (3,)).copy()

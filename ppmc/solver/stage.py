@@ -60,7 +60,9 @@ def run(
     StoppedWithCheckpoint
         On SIGTERM or the wall-clock limit.
     """
-    from ppmc.solver.setup import check_room, prepare
+    from ppmc.geometry.tool_checks import idle_tools
+    from ppmc.solver.charge_checks import check_charge
+    from ppmc.solver.setup import check_room, prepare, spacing_of
     from ppmc.solver.simulation import Simulation
 
     for section in SECTIONS:
@@ -71,7 +73,11 @@ def run(
     depends = of_flow(scene, input)
     check_output(output, [*depends.inputs, scene.file], is_own=is_product("flow"), force=force)
     model, state = prepare(scene, charge)
+    check_charge(charge, spacing_of(charge), input)
     check_room(model, charge, input)
+    reach = float(spacing_of(charge).max())
+    for line in idle_tools(model.walls.tools, charge.positions, reach, model.settings.end_time):
+        print(line)
     provenance = Provenance.of(scene, depends)
     written = Simulation(model, state, output, provenance).run(resume, max_walltime)
     announce(verdict_of(written), written)

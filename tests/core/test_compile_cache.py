@@ -35,10 +35,10 @@ def package(tmp_path: Path) -> Path:
     return package
 
 
-def run(package: Path, code: str = CODE, **processor: str) -> tuple[float, str]:
+def run(package: Path, code: str = CODE, cache: Path | None = None, **processor: str) -> tuple[float, str]:
     given = ("NUMBA_CACHE_DIR", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
     env = {k: v for k, v in os.environ.items() if k not in given} | processor
-    env |= {"XDG_CACHE_HOME": str(package.parents[1] / "cache"), "PYTHONPATH": str(package.parent)}
+    env |= {"XDG_CACHE_HOME": str(cache or package.parents[1] / "cache"), "PYTHONPATH": str(package.parent)}
     env["PYTHONDONTWRITEBYTECODE"] = "1"  # an edit of the same size in the same second would be overlooked
     done = subprocess.run([sys.executable, "-c", code], cwd=package.parent, env=env, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -65,6 +65,31 @@ def test_each_processor_has_kernels_of_its_own(package: Path) -> None:
     assert run(package, HITS, **baseline) == (0, folder)
     assert run(package, HITS, **baseline) == (1, folder)
     assert run(package, HITS) == (1, folder)
+
+
+@pytest.mark.parametrize("who", ["another user", "everybody"])
+def test_a_folder_that_others_can_write_to_is_not_read(package: Path, tmp_path: Path, who: str) -> None:
+    """Cached kernels are pickles: whoever writes them runs programs in our name."""
+    cache = tmp_path / "shared"
+    (cache / "ppmc" / "kernels").mkdir(parents=True)
+    if who == "everybody":
+        cache.chmod(0o777)
+    elif os.geteuid() == 0:
+        os.chown(cache / "ppmc" / "kernels", 12345, 12345)
+    else:
+        pytest.skip("only root can give a folder away")
+    value, path = run(package, cache=cache)
+    assert value == 8.0 and path == "None"
+    assert not list((cache / "ppmc" / "kernels").iterdir())
+
+
+def test_a_folder_open_to_a_group_is_closed(package: Path, tmp_path: Path) -> None:
+    (tmp_path / "cache" / "ppmc" / "kernels").mkdir(parents=True)
+    (tmp_path / "cache" / "ppmc" / "kernels").chmod(0o777)
+    value, path = run(package, cache=tmp_path / "cache")
+    assert value == 8.0 and path.startswith(str(tmp_path / "cache"))
+    assert all(p.stat().st_mode & 0o022 == 0 for p in (tmp_path / "cache" / "ppmc" / "kernels").iterdir())
+    assert (tmp_path / "cache" / "ppmc" / "kernels").stat().st_mode & 0o022 == 0
 
 
 def test_division_by_zero_follows_numpy() -> None:

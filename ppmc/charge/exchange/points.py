@@ -15,6 +15,7 @@ Array = NDArray[np.floating]
 # Directions from text files carry few digits; a length off by more than this is no rounding.
 LENGTH_TOLERANCE = 1e-2
 ANGLE_TOLERANCE = 1e-2
+FARTHEST = 1e9  # mm
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,10 @@ def checked(points: OrientedPoints, path: Path) -> OrientedPoints:
         bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
         if len(bad):
             raise InputFileError(f"{path}: {name} of point {bad[0] + 1} is not finite: {values[bad[0]].tolist()}")
+    bad = np.flatnonzero((np.abs(points.positions) > FARTHEST).any(axis=1))
+    if len(bad):
+        where = points.positions[bad[0]].tolist()
+        raise InputFileError(f"{path}: position of point {bad[0] + 1} is {where} mm: beyond any part; correct the unit")
     for name, values in (("p", points.fibre_direction), ("r", points.platelet_normal)):
         size = np.linalg.norm(values, axis=1)
         bad = np.flatnonzero(np.abs(size - 1.0) > LENGTH_TOLERANCE)
