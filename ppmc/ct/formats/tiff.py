@@ -145,6 +145,12 @@ def _series(tiff: Any, path: Path, source: VolumeSource) -> Any:
             f"{path}: its images are not alike and form {len(every)} series ({listing}); all slices of a stack must "
             "be alike, or choose one with ct: source: series: 0"
         )
+    promised = int((tiff.imagej_metadata or {}).get("images", 1)) if tiff.is_imagej else 1
+    held = int(np.prod([n for a, n in zip(every[0].axes, every[0].shape, strict=True) if a not in "YXS"]))
+    if held < promised:
+        raise InputFileError(
+            f"{path}: says that it holds {promised} images, but {held} are there; the file is truncated"
+        )
     return every[0]
 
 
