@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,11 @@ from ppmc.analysis.moments import N_SUMS, sum_owned
 from ppmc.analysis.samples import Samples
 from ppmc.errors import InputFileError
 from ppmc.orientation import normalise
+
+EQUALLY_NEAR = 1e-5
+"""Relative difference of distances below which the digits of a mesh file decide, not the mesh."""
+MOST_TIED = 8
+"""Points that are equally near at most: the corners of a cell of the particles' lattice."""
 
 Array = NDArray[np.float64]
 Owners = Callable[[Array], NDArray[np.int64]]
@@ -39,8 +45,8 @@ class MappedElements:
     distance : ndarray, shape (m,)
         From the element's centre to the nearest point, mm.
     particle_count : ndarray, shape (m,)
-        Points averaged; 1 for nearest neighbour. 0 marks elements that took the nearest point for want of any of
-        their own.
+        Points averaged; 1 for nearest neighbour. 0 marks elements without material: everything else of theirs is NaN,
+        or the nearest point's where that is asked for.
     material_volume : ndarray, shape (m,)
         Volume of these points, mm³; adds up to the whole for averages.
     """
@@ -59,7 +65,14 @@ class MappedElements:
     material_volume: Array
 
 
-def map_to_elements(centres: Array, parts: Iterable[Samples], owners: Owners | None = None) -> MappedElements:
+def map_to_elements(
+    centres: Array,
+    parts: Iterable[Samples],
+    owners: Owners | None = None,
+    *,
+    within: Array | float = np.inf,
+    fill: bool = False,
+) -> MappedElements:
     """Map directions to elements.
 
     Parameters
@@ -71,6 +84,10 @@ def map_to_elements(centres: Array, parts: Iterable[Samples], owners: Owners | N
     owners : callable, optional
         Gives the element that each place, shape (n, 3), belongs to: averages. Without it every element takes the
         nearest point.
+    within : ndarray, shape (m,), or float
+        Without owners: elements whose nearest point is farther from their centre have no material.
+    fill : bool
+        Give elements without material the nearest point's directions all the same.
 
     Raises
     ------
@@ -86,8 +103,8 @@ def map_to_elements(centres: Array, parts: Iterable[Samples], owners: Owners | N
     for part in parts:
         if not len(part) or part.fibre_direction is None:
             continue
-        found, index = cKDTree(part.positions).query(centres)
-        nearer = found < distance
+        found, index = _nearest(cKDTree(part.positions), centres)
+        nearer = found < distance * (1.0 - EQUALLY_NEAR)
         at = index[nearer]
         distance[nearer] = found[nearer]
         p[nearer], volume[nearer] = part.fibre_direction[at], part.volume[at]
@@ -98,38 +115,30 @@ def map_to_elements(centres: Array, parts: Iterable[Samples], owners: Owners | N
             sums += sum_owned(part.positions, part.volume, part.fibre_direction, part.platelet_normal, owner, m)
     if not np.isfinite(distance).any():
         raise InputFileError("there is no point with a known direction to map from")
+    count = (distance <= within).astype(np.int64) if owners is None else sums[:, 0].astype(np.int64)
+    own = count > 0
+    if not fill:
+        p[~own], r[~own] = np.nan, np.nan
     nearest = sum_owned(centres, np.ones(m), p, r, np.arange(m), m)
     if owners is None:
-        return _with_frames(p, r, RegionSums((), nearest).averages(), distance, np.ones(m, dtype=np.int64), volume)
-    count = sums[:, 0].astype(np.int64)
-    own = count > 0
-    # What no particle lies in takes the nearest point's tensors, without a volume of its own.
-    averages = RegionSums((), np.where(own[:, None], sums, nearest)).averages()
+        volume[~own] = 0.0
+        return _with_frames(p, r, RegionSums((), nearest).averages(), distance, count, volume)
+    # What is filled takes the nearest point's tensors, without a volume of its own.
+    averages = RegionSums((), np.where(own[:, None], sums, nearest if fill else 0.0)).averages()
     for v, tensor in ((p, averages.fibre_tensor), (r, averages.normal_tensor)):
         known = own & np.isfinite(tensor).all(axis=(1, 2))
         v[known] = np.linalg.eigh(tensor[known])[1][..., -1]
     return _with_frames(p, r, averages, distance, count, sums[:, 1].copy())
 
 
-def abaqus_distribution(mapped: MappedElements, element_numbers: NDArray[np.int64], name: str = "ppmc") -> str:
-    """Return the lines that give each element its local axes 1 = p, 2 = q in Abaqus.
+def _nearest(tree: Any, centres: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Return distance and number of each centre's nearest point, the first of those that are equally near.
 
-    A ``*DISTRIBUTION`` of six numbers an element (a point on axis 1 and one in the 1-2 plane) with the
-    ``*ORIENTATION`` that uses it; include it in the input file, and name it in ``*SOLID SECTION, ORIENTATION``.
-    Elements whose directions are not known keep the default first line.
+    In a regular mesh over regular particles ties are the rule; the last digits of a file shall not decide them.
     """
-    lines = [
-        f"*DISTRIBUTION TABLE, NAME={name}_table",
-        "COORD3D, COORD3D",
-        f"*DISTRIBUTION, NAME={name}_axes, LOCATION=ELEMENT, TABLE={name}_table",
-        ", 1., 0., 0., 0., 1., 0.",
-    ]
-    axes = np.hstack([mapped.fibre_direction, mapped.in_plane_direction])
-    for number, row in zip(element_numbers, axes, strict=True):
-        if np.isfinite(row).all():
-            lines.append(f"{number}, " + ", ".join(f"{v:.6f}" for v in row))
-    lines += [f"*ORIENTATION, NAME={name}", f"{name}_axes", "3, 0."]
-    return "\n".join(lines) + "\n"
+    found, index = (np.asarray(v).reshape(len(centres), -1) for v in tree.query(centres, k=min(MOST_TIED, tree.n)))
+    tied = found <= found[:, :1] * (1.0 + EQUALLY_NEAR)
+    return found[:, 0], np.where(tied, index, tree.n).min(axis=1)
 
 
 def _with_frames(

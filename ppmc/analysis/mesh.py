@@ -1,8 +1,9 @@
-"""Structural meshes: read through meshio, checked, and asked which element a place lies in."""
+"""Structural meshes: read, checked, and asked which element a place lies in."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,26 @@ CORNERS = {"tetra": 4, "hexahedron": 8, "wedge": 6, "pyramid": 5, "triangle": 3,
 
 
 @dataclass(frozen=True)
+class MeshPart:
+    """A stretch of the elements that is numbered on its own: a part of an Abaqus model.
+
+    Attributes
+    ----------
+    name : str
+        Of the part; empty where the file has none.
+    start, stop : int
+        First element and the one after the last.
+    rotation : ndarray, shape (3, 3)
+        How its instance is turned in the model.
+    """
+
+    name: str
+    start: int
+    stop: int
+    rotation: np.ndarray
+
+
+@dataclass(frozen=True)
 class StructuralMesh:
     """Elements of one mesh; blocks of other dimension (edges, surfaces of a solid) are left out.
 
@@ -26,11 +47,25 @@ class StructuralMesh:
     points : ndarray, shape (k, 3)
         Nodes, mm.
     blocks : list of (str, ndarray)
-        Element type of meshio and connectivity.
+        Element type and connectivity, as meshio and VTK have them.
     centres : ndarray, shape (m, 3)
         Mean of each element's corners, mm.
     numbers : ndarray, shape (m,)
-        Element numbers: the file's own in an Abaqus input, else counted from 1.
+        Element numbers: the file's own in Abaqus and Gmsh files, else counted from 1.
+    node_numbers : ndarray, shape (k,)
+        Node numbers, likewise.
+    parts : tuple of MeshPart
+        In the order of the elements; element numbers repeat in different parts at most.
+    groups : dict of str to ndarray
+        Elements (from 0) of each named set or physical group.
+    tags : dict of str to ndarray, shape (m,)
+        ``physical`` and ``geometrical`` tags of a Gmsh mesh.
+    tag_names : dict of str to (int, int)
+        Physical tag and dimension of each name in a Gmsh mesh.
+    notes : list of str
+        What was passed over.
+    files : list of Path
+        Every file that was read.
     """
 
     path: Path
@@ -38,11 +73,29 @@ class StructuralMesh:
     blocks: list[tuple[str, np.ndarray]]
     centres: np.ndarray
     numbers: NDArray[np.int64]
+    node_numbers: NDArray[np.int64]
+    parts: tuple[MeshPart, ...]
+    groups: dict[str, NDArray[np.int64]] = field(default_factory=dict)
+    tags: dict[str, NDArray[np.int64]] = field(default_factory=dict)
+    tag_names: dict[str, tuple[int, int]] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    files: list[Path] = field(default_factory=list)
 
     @property
     def is_abaqus(self) -> bool:
         """Whether it was read from an Abaqus input file."""
         return self.path.suffix.lower() == ".inp"
+
+    @property
+    def reach(self) -> NDArray[np.float64]:
+        """Distance of each element's farthest corner from its centre, mm; shape (m,)."""
+        out, at = np.empty(len(self.centres)), 0
+        for kind, cells in self.blocks:
+            corners = self.points[cells[:, : CORNERS[family(kind)]]]
+            middle = self.centres[at : at + len(cells), None]
+            out[at : at + len(cells)] = np.linalg.norm(corners - middle, axis=2).max(axis=1)
+            at += len(cells)
+        return out
 
     def owners(self, positions: np.ndarray) -> NDArray[np.int64]:
         """Return the element that each place lies in, or else the closest one; shape (n,)."""
@@ -69,12 +122,12 @@ class StructuralMesh:
 
 
 def read_mesh(path: Path, scale: float = 1.0) -> StructuralMesh:
-    """Read a mesh and check what meshio does not.
+    """Read a mesh.
 
     Parameters
     ----------
     path : Path
-        Anything meshio reads.
+        Abaqus .inp, Gmsh .msh, or anything that meshio reads.
     scale : float
         Factor from the file's lengths to mm.
 
@@ -83,89 +136,85 @@ def read_mesh(path: Path, scale: float = 1.0) -> StructuralMesh:
     InputFileError
         If the file is missing or unreadable, has no elements, or holds nodes that are not finite.
     """
-    import meshio
+    from ppmc.analysis.mesh_abaqus import abaqus_mesh
+    from ppmc.analysis.mesh_gmsh import gmsh_mesh
 
     path = Path(path)
     if not path.is_file():
         raise InputFileError(f"{path}: no such mesh file")
-    try:
-        mesh: Any = meshio.read(path)
-    except (Exception, SystemExit) as error:  # meshio leaves by SystemExit where it knows no reader
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputFileError(f"{path}: meshio cannot read this mesh: {reason}") from None
-    is_abaqus = path.suffix.lower() == ".inp"
-    own_numbers = abaqus_numbers(path) if is_abaqus else []
-    points = np.asarray(mesh.points, dtype=float)
-    if points.ndim != 2 or not len(points):
-        raise InputFileError(f"{path}: the mesh holds no nodes; it may be damaged or empty")
-    points = np.pad(points[:, :3], ((0, 0), (0, 3 - min(points.shape[1], 3)))) * scale
-    if not np.isfinite(points).all():
-        bad = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
-        raise InputFileError(f"{path}: node {bad} is not finite: {points[bad]}")
-    for chosen in (VOLUMES, SHELLS):
-        blocks = [(b.type, np.asarray(b.data)) for b in mesh.cells if family(b.type) in chosen and len(b.data)]
-        if blocks:
-            break
-    else:
-        found = ", ".join(sorted({b.type for b in mesh.cells})) or "none"
-        raise InputFileError(f"{path}: the mesh holds no solid or shell elements (found: {found})")
-    for kind, cells in blocks:
-        if cells.min() < 0 or cells.max() >= len(points):
-            raise InputFileError(f"{path}: a {kind} element names node {int(cells.max())}, the mesh has {len(points)}")
-    centres = np.vstack([points[cells[:, : CORNERS[family(kind)]]].mean(axis=1) for kind, cells in blocks])
-    numbers = np.arange(1, len(centres) + 1)
-    if is_abaqus:
-        if [len(block) for block in own_numbers] != [len(b.data) for b in mesh.cells]:
-            raise InputFileError(f"{path}: the element numbers cannot be told; write the mesh as one flat input file")
-        numbers = np.concatenate([n for n, b in zip(own_numbers, mesh.cells, strict=True) if family(b.type) in chosen])
-        if len(np.unique(numbers)) < len(numbers):
-            raise InputFileError(f"{path}: element numbers repeat; write the mesh as one flat input file without parts")
-    return StructuralMesh(path, points, blocks, centres, numbers)
+    readers: dict[str, Callable[[Path], StructuralMesh]] = {".inp": abaqus_mesh, ".msh": gmsh_mesh}
+    mesh = readers.get(path.suffix.lower(), meshio_mesh)(path)
+    if scale == 1.0:
+        return mesh
+    return replace(mesh, points=mesh.points * scale, centres=mesh.centres * scale)
 
 
-def abaqus_numbers(path: Path) -> list[NDArray[np.int64]]:
-    """Return the element numbers of an Abaqus input, block by block in the file's order; meshio does not keep them.
+def meshio_mesh(path: Path) -> StructuralMesh:
+    """Read a mesh through meshio; elements and nodes are counted from 1."""
+    mesh = through_meshio(path)
+    points = nodes_of(mesh, path)
+    blocks = [(b.type, np.asarray(b.data)) for b in mesh.cells if len(b.data)]
+    return structural(path, points, mappable(path, blocks))
+
+
+def through_meshio(path: Path) -> Any:
+    """Return what meshio reads.
 
     Raises
     ------
     InputFileError
-        If nodes stand in more than one place, which meshio would mix up.
+        If it cannot.
     """
-    from meshio._mesh import num_nodes_per_cell
-    from meshio.abaqus._abaqus import abaqus_to_meshio_type
+    import meshio
 
-    blocks: list[NDArray[np.int64]] = []
-    entries: list[int] = []
-    nodes = size = 0
+    try:
+        return meshio.read(path)
+    except (Exception, SystemExit) as error:  # meshio leaves by SystemExit where it knows no reader
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputFileError(f"{path}: meshio cannot read this mesh: {reason}") from None
 
-    def close() -> None:
-        if size:
-            blocks.append(np.array(entries, dtype=np.int64)[::size])
 
-    with path.open(encoding="utf-8", errors="replace") as lines:
-        for line in lines:
-            if line.startswith("**"):
-                continue
-            if not line.startswith("*"):
-                if size:
-                    entries += [int(word) for word in line.split(",") if word.strip()]
-                continue
-            close()
-            entries, size = [], 0
-            words = [word.strip() for word in line[1:].split(",")]
-            keyword = words[0].upper()
-            if keyword == "INCLUDE":
-                raise InputFileError(f"{path}: *INCLUDE is not followed; write the mesh as one flat input file")
-            nodes += keyword == "NODE"
-            if keyword == "ELEMENT":
-                options = {k.strip().upper(): v.strip() for k, _, v in (word.partition("=") for word in words[1:])}
-                size = 1 + num_nodes_per_cell[abaqus_to_meshio_type[options["TYPE"]]]
-    close()
-    if nodes > 1:
-        raise InputFileError(
-            f"{path}: nodes stand under {nodes} *NODE keywords, which meshio mixes up; write the mesh as one flat file"
-        )
-    return blocks
+def nodes_of(mesh: Any, path: Path) -> NDArray[np.float64]:
+    """Return the nodes of a meshio mesh, shape (k, 3), where two coordinates mean a plane."""
+    points = np.asarray(mesh.points, dtype=float)
+    if points.ndim != 2 or not len(points):
+        raise InputFileError(f"{path}: the mesh holds no nodes; it may be damaged or empty")
+    return np.pad(points[:, :3], ((0, 0), (0, 3 - min(points.shape[1], 3))))
+
+
+def mappable(path: Path, blocks: list[tuple[str, np.ndarray]]) -> list[tuple[str, np.ndarray]]:
+    """Return the blocks of solids, or of shells where there are no solids.
+
+    Raises
+    ------
+    InputFileError
+        If there are neither.
+    """
+    for chosen in (VOLUMES, SHELLS):
+        kept = [(kind, cells) for kind, cells in blocks if family(kind) in chosen]
+        if kept:
+            return kept
+    found = ", ".join(sorted({kind for kind, _ in blocks})) or "none"
+    raise InputFileError(f"{path}: the mesh holds no solid or shell elements (found: {found})")
+
+
+def structural(path: Path, points: np.ndarray, blocks: list[tuple[str, np.ndarray]], **known: Any) -> StructuralMesh:
+    """Return a checked mesh; `known` are attributes of `StructuralMesh` that would be counted or empty otherwise."""
+    if not np.isfinite(points).all():
+        bad = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
+        raise InputFileError(f"{path}: node {bad} is not finite: {points[bad]}")
+    for kind, cells in blocks:
+        if cells.min() < 0 or cells.max() >= len(points):
+            raise InputFileError(f"{path}: a {kind} element names node {int(cells.max())}, the mesh has {len(points)}")
+    centres = np.vstack([points[cells[:, : CORNERS[family(kind)]]].mean(axis=1) for kind, cells in blocks])
+    m = len(centres)
+    counted: dict[str, Any] = {
+        "numbers": np.arange(1, m + 1),
+        "node_numbers": np.arange(1, len(points) + 1),
+        "parts": (MeshPart("", 0, m, np.eye(3)),),
+        "files": [path],
+    }
+    return StructuralMesh(path, points, blocks, centres, **(counted | known))
 
 
 def family(kind: str) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ppmc.analysis.figures import Picture
 from ppmc.analysis.local import COMPONENTS
-from ppmc.analysis.mesh_output import write_mapped
+from ppmc.analysis.mesh_formats import write_mapped
 from ppmc.analysis.panels import scalar_maps, squares
 from ppmc.analysis.regions import Region
 from ppmc.analysis.report import InputFile, write_report

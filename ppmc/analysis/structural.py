@@ -13,6 +13,7 @@ from ppmc.analysis.mesh import StructuralMesh
 from ppmc.analysis.sources import Source
 from ppmc.analysis.stiffness import Lamina, averaged_stiffness, engineering_moduli, stiffness_matrix
 from ppmc.errors import SceneError
+from ppmc.notices import notice
 
 if TYPE_CHECKING:
     from ppmc.scene.analysis import MeshSection
@@ -74,14 +75,25 @@ def map_mesh(mesh: StructuralMesh, source: Source, section: MeshSection, notes: 
         If the lamina's constants make no stable material.
     """
     averaged = section.method == "average"
-    elements = map_to_elements(mesh.centres, source.parts(), mesh.owners if averaged else None)
-    far = elements.distance > FAR_IN_SPACINGS * source.spacing
+    within = np.maximum(mesh.reach, FAR_IN_SPACINGS * source.spacing)
+    fill = section.empty == "nearest"
+    elements = map_to_elements(
+        mesh.centres, source.parts(), mesh.owners if averaged else None, within=within, fill=fill
+    )
+    notes += [note for note in mesh.notes if note not in notes]
+    far = elements.distance > within
     if far.any():
         notes.append(
-            f"Mesh {mesh.path.name}: {int(far.sum()):,} of {len(far):,} elements lie more than "
-            f"{FAR_IN_SPACINGS * source.spacing:.3g} mm from the material (largest {elements.distance.max():.4g} mm); "
-            "is its unit or place another?"
+            f"Mesh {mesh.path.name}: {int(far.sum()):,} of {len(far):,} elements lie beside the material (centres up "
+            f"to {elements.distance.max():.4g} mm from the nearest point); is its unit or place another?"
         )
+    empty = int((elements.particle_count == 0).sum())
+    if empty:
+        what = "took the nearest point's directions" if fill else "are left empty (mesh: {empty: nearest} fills them)"
+        notes.append(f"Mesh {mesh.path.name}: {empty:,} of {len(far):,} elements hold no material and {what}.")
+    for note in notes:
+        if note.startswith(f"Mesh {mesh.path.name}"):
+            notice(note)
     stiffness = None
     if section.lamina is not None:
         lamina = Lamina(**section.lamina.model_dump())

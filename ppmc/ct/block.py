@@ -242,9 +242,7 @@ def _in_phases(planes: Floats, phases: int, shape: tuple[int, int]) -> Floats:
 def _read_laid_out(volume: Volume, box: Box, reference: Reference, phases: int) -> Floats:
     """Read a box that may reach beyond the volume, mirrored there, as the kernel wants it."""
     inner, maps = _mirrored_box(volume, box)
-    flat, bad = laid_out(volume.read(inner), maps, reference.middle, reference.unit, phases)
-    if bad:
-        volume.grey(inner)  # says which voxel is not a number
+    flat, _ = laid_out(volume.checked(inner), maps, reference.middle, reference.unit, phases)
     return flat
 
 

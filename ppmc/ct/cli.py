@@ -34,8 +34,8 @@ def ct(
     scene : Path
         Scene file with a section `ct`.
     input : Path, optional
-        Volume: .vtkhdf, .h5, .tif, folder of .tif, or raw; default `ct: source: path` of the scene, else
-        runs/<name>/volume.vtkhdf.
+        Volume: .vtkhdf, .h5, .tif, .zarr, .mhd, .nrrd, .nii, .dcm, .npy, raw, or a folder of slices (TIFF, PNG, JPEG,
+        BMP, DICOM); default `ct: source: path` of the scene, else runs/<name>/volume.vtkhdf.
     output : Path, optional
         Orientations file to write; default runs/<name>/orientations.vtkhdf.
     resume : bool

@@ -34,6 +34,8 @@ def noise_level(volume: Volume) -> float:
         for y in starts[1]:
             for x in starts[2]:
                 box = tuple(slice(int(a), min(int(a) + SIDE, n)) for a, n in zip((z, y, x), volume.shape, strict=True))
+                if volume.leave_out and volume.without_data(volume.read(box)) is not None:  # type: ignore[arg-type]
+                    continue
                 values = volume.grey(box).astype(np.float64)  # type: ignore[arg-type]
                 for axis in range(3):
                     n = values.shape[axis]
@@ -42,7 +44,7 @@ def noise_level(volume: Volume) -> float:
                     low, mid, high = (np.take(values, range(k, n - 2 + k), axis=axis) for k in range(3))
                     values = SECOND_DIFFERENCE[0] * (low + high) + SECOND_DIFFERENCE[1] * mid
                 found.append(np.median(np.abs(values)) / MEDIAN_OF_NORMAL)
-    return float(np.median(found))
+    return float(np.median(found)) if found else 0.0
 
 
 def noise_tensor(chosen: Settings, level: float) -> Floats:

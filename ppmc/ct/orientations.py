@@ -93,9 +93,8 @@ def grey_reference(volume: Volume) -> Reference:
     planes = np.unique(np.linspace(0, nz - 1, min(nz, REFERENCE_PLANES)).round().astype(int))
     count, total, squares = 0, 0.0, 0.0
     # Squares are taken about a value near the mean, so that a large offset costs no digits.
-    near = float(
-        volume.read((slice(nz // 2, nz // 2 + 1), slice(ny // 2, ny // 2 + 1), slice(nx // 2, nx // 2 + 1)))[0, 0, 0]
-    )
+    voxel = volume.read((slice(nz // 2, nz // 2 + 1), slice(ny // 2, ny // 2 + 1), slice(nx // 2, nx // 2 + 1)))
+    near = 0.0 if volume.without_data(voxel) is not None else float(voxel[0, 0, 0])
     for z in planes:
         box = (slice(z, z + 1), slice(0, ny), slice(0, nx))
         grey = volume.grey(box, near).astype(np.float64)

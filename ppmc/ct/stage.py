@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -233,10 +232,10 @@ def opened(scene: Scene, path: Path, mask_path: Path | None) -> Iterator[Volume]
                     f"{mask_path}: the mask has shape {mask.shape}, but the volume {path.name} has {volume.shape}; "
                     "they must be equal"
                 )
-            volume = replace(volume, read_mask=mask.read)
+            volume = volume.within(mask.read)
         elif section.mask is not None and section.mask.segment:
             found, cell = specimen_mask(volume, exclude_voids=section.mask.exclude_voids)
-            volume = replace(volume, read_mask=mask_reader(found, cell))
+            volume = volume.within(mask_reader(found, cell))
         yield volume
 
 

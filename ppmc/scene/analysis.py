@@ -309,7 +309,7 @@ class MeshSection(Section):
     """A structural mesh that receives the directions of the input's last state."""
 
     path: Path
-    """Mesh file that meshio reads: Abaqus .inp, .vtu, Gmsh .msh, ...; relative to the scene's folder."""
+    """Mesh file: Abaqus .inp, Gmsh .msh, .vtu or another that meshio reads; relative to the scene's folder."""
 
     scale: float = Field(default=1.0, gt=0)
     """Factor from the file's lengths to mm; 1000 for a mesh in metres."""
@@ -320,11 +320,15 @@ class MeshSection(Section):
     The average is conservative: every particle goes to the element it lies in, or to the closest one.
     """
 
-    formats: tuple[Literal["vtu", "abaqus", "gmsh"], ...] = ("vtu", "abaqus")
-    """What is written: mapped.vtu; mapped_axes.inp, element axes to include in an Abaqus input; mapped.msh.
+    formats: tuple[Literal["vtu", "abaqus", "calculix", "lsdyna", "gmsh"], ...] = ("vtu", "abaqus")
+    """What is written: mapped.vtu; element axes to include in an Abaqus (mapped_axes.inp) or CalculiX
+    (mapped_axes_ccx.inp) input; elements with axes for LS-DYNA (mapped_axes.k); mapped.msh for Gmsh.
 
-    For a mesh that is no Abaqus file the mesh itself goes into mapped.inp too.
+    With abaqus a mesh that is no Abaqus file goes into mapped.inp too.
     """
+
+    empty: Literal["leave", "nearest"] = "leave"
+    """Elements without material: left without directions, or given those of the nearest point."""
 
     lamina: LaminaSection | None = None
     """With it every element also gets its orientation-averaged stiffness."""

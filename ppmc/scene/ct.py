@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -23,7 +23,23 @@ class VolumeSource(Section):
     """File, or folder of image slices; relative to the scene file. ``--input`` has precedence."""
 
     dataset: str | None = None
-    """Dataset in an HDF5 file; not needed where there is only one of three dimensions."""
+    """Dataset in an HDF5, Zarr or .npz file; not needed where there is only one of three dimensions."""
+
+    channel: int | str | None = None
+    """Channel of a hyperstack or of coloured slices: its number, counted from 0, or its name."""
+
+    time: int | None = Field(default=None, ge=0)
+    """Time step of a hyperstack, counted from 0."""
+
+    index: tuple[Annotated[int, Field(ge=0)], ...] | None = Field(default=None, examples=[[0]])
+    """Entries, counted from 0, of the leading axes of an array of more than three dimensions."""
+
+    series: int | None = Field(default=None, ge=0)
+    """Which of several series of images in a TIFF file, counted from 0."""
+
+    no_data: Literal["refuse", "mask"] | float = "refuse"
+    """What happens to voxels that are no grey value (NaN, infinite, above 1e15 in size): refused, or left out like
+    those outside a mask. A number is a grey value that stands for no data and is left out too."""
 
     shape: tuple[int, int, int] | None = Field(default=None, examples=[[512, 512, 512]])
     """Number of voxels (nz, ny, nx) of a raw file; x varies fastest."""
@@ -38,7 +54,7 @@ class VolumeSource(Section):
     """Bytes before the first voxel of a raw file."""
 
     voxel_size: PositiveLength | PositiveLengthVector | None = None
-    """Edge length of a voxel, mm, one for all axes or one for each (x, y, z); needed unless the file states it."""
+    """Edge length of a voxel, mm, one for all axes or one for each (x, y, z); that of the file unless given."""
 
     @model_validator(mode="after")
     def _has_voxels(self) -> Self:

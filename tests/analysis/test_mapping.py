@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ppmc.analysis.averages import region_averages
-from ppmc.analysis.mapping import abaqus_distribution, map_to_elements
+from ppmc.analysis.mapping import map_to_elements
 from ppmc.analysis.regions import box
 from ppmc.analysis.samples import Samples
 from ppmc.analysis.stiffness import Lamina, averaged_stiffness, engineering_moduli, stiffness_matrix
@@ -71,11 +71,25 @@ def test_elements_average_as_boxes_do() -> None:
         assert np.allclose(getattr(mapped, name)[at], getattr(a, name)[0], atol=1e-12)
 
 
-def test_elements_without_particles_take_the_nearest_and_say_so() -> None:
+def test_elements_without_material_stay_empty_unless_asked() -> None:
     s = cloud(50)
     far = np.array([[100.0, 0, 0], [5, 3, 1.5]])
-    mapped = map_to_elements(far, [s], lambda x: np.ones(len(x), dtype=np.int64))
-    assert mapped.particle_count[0] == 0 and mapped.distance[0] > 80 and np.isfinite(mapped.fibre_direction[0]).all()
+    for owners in (None, lambda x: np.ones(len(x), dtype=np.int64)):
+        mapped = map_to_elements(far, [s], owners, within=5.0)
+        assert mapped.particle_count[0] == 0 and mapped.distance[0] > 80 and mapped.material_volume[0] == 0
+        for values in (mapped.fibre_direction, mapped.platelet_normal, mapped.fibre_tensor, mapped.fibre_tensor4):
+            assert np.isnan(values[0]).all() and np.isfinite(values[1]).all()
+        filled = map_to_elements(far, [s], owners, within=5.0, fill=True)
+        assert filled.particle_count[0] == 0 and np.isfinite(filled.fibre_direction).all()
+        assert np.isfinite(filled.fibre_tensor).all() and filled.material_volume[0] == 0
+
+
+def test_the_first_of_equally_near_points_counts_whatever_the_last_digits() -> None:
+    x = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
+    s = Samples("s", x, np.ones(3), np.eye(3), np.eye(3)[[1, 2, 0]])
+    for shift in (-1e-9, 0.0, 1e-9):
+        mapped = map_to_elements(np.array([[0.5 + shift, 0, 0], [1.5 - shift, 0, 0]]), [s])
+        assert np.array_equal(mapped.fibre_direction, np.eye(3)[:2])
 
 
 def test_missing_normals_stay_unknown() -> None:
@@ -83,20 +97,13 @@ def test_missing_normals_stay_unknown() -> None:
     bare = Samples("s", s.positions, s.volume, s.fibre_direction)
     for owners in (None, unit_cells):
         mapped = map_to_elements(centres(), [bare], owners)
-        assert np.isnan(mapped.platelet_normal).all() and np.isfinite(mapped.fibre_tensor).all()
+        own = mapped.particle_count > 0
+        assert np.isnan(mapped.platelet_normal).all() and np.isfinite(mapped.fibre_tensor[own]).all()
 
 
 def test_nothing_to_map_is_an_error() -> None:
     with pytest.raises(InputFileError):
         map_to_elements(centres(), [])
-
-
-def test_abaqus_lines() -> None:
-    mapped = map_to_elements(centres()[:3], [cloud()])
-    lines = abaqus_distribution(mapped, np.array([11, 12, 13])).splitlines()
-    assert lines[0].startswith("*DISTRIBUTION TABLE") and lines[4].startswith("11, ")
-    assert len(lines) == 4 + 3 + 3
-    assert len(lines[5].split(",")) == 7
 
 
 def test_averaged_stiffness_is_the_average_of_turned_stiffnesses() -> None:

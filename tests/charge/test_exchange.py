@@ -87,6 +87,7 @@ def test_each_particle_takes_its_nearest_points_frame():
         imported_frames(section, points, np.array([[1.0, 0, 0], [20, 0, 0]]))
 
 
+PARTICLE = "*Node\n1,0,0,0\n*Element,type=PC3D\n7,{node}\n*Distribution,location=element,name=d,table=t\n{axes}\n"
 HEADER = "x1,x2,x3,p1,p2,p3,r1,r2,r3\n"
 
 
@@ -102,18 +103,13 @@ HEADER = "x1,x2,x3,p1,p2,p3,r1,r2,r3\n"
         ("a.csv", "", "not readable as CSV"),
         ("a.npz", "junk", "not readable as NPZ"),
         ("a.vtu", "<junk", "not readable as VTU"),
-        ("a.inp", "*Node\n1, 0, 0, 0\n", r"no \*Element, \*Distribution"),
-        ("a.inp", "*Node\n1, 0, 0, zero\n", r"a line of \*Node holds something that is no number"),
-        (
-            "a.inp",
-            "*Node\n1,0,0,0\n*Element\n7,1\n*Distribution,location=element\n8,1,0,0,0,1,0\n",
-            "element 7 has no six numbers",
-        ),
-        (
-            "a.inp",
-            "*Node\n1,0,0,0\n*Element\n7,2\n*Distribution,location=element\n7,1,0,0,0,1,0\n",
-            "element 7 refers to node 2",
-        ),
+        ("a.inp", "*Node\n1, 0, 0, 0\n", r"no \*ELEMENT that could hold fibres"),
+        ("a.inp", "*Node\n1, 0, 0, zero\n", r"a.inp:2: 'zero' is no number"),
+        ("a.inp", PARTICLE.format(node=1, axes="8,1,0,0,0,1,0"), r"a.inp:4: element 7 has no line in the distribution"),
+        ("a.inp", PARTICLE.format(node=2, axes="7,1,0,0,0,1,0"), r"a.inp:4: element 7 refers to node 2"),
+        ("a.inp", PARTICLE.format(node=1, axes="7,1,0,0"), r"a.inp:6: a line of \*DISTRIBUTION has a label and 6 or 9"),
+        ("a.inp", PARTICLE.format(node=1, axes="7,1,0,0,2,0,0"), "do not settle the axes of element 7"),
+        ("a.inp", "*Node\n1,0,0,0\n*Element,type=PC3D\n7,1\n", "a.inp:4: element 7: neither"),
         ("a.txt", "", "orientations are read from .csv"),
     ],
 )

@@ -6,7 +6,7 @@ A distribution of COORD3D, COORD3D gives for each element the points a (on axis 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from ppmc.charge.exchange.points import OrientedPoints
 from ppmc.errors import InputFileError
-from ppmc.orientation import orthonormal_frame
+from ppmc.geometry.abaqus import Body, material_axes, read_deck
+from ppmc.notices import notice
 
 DEFAULT = "1., 0., 0., 0., 1., 0."
 
@@ -54,82 +55,36 @@ def _write_platelets(write: Callable[[str], int], platelet_id: NDArray[np.int64]
             write(", ".join(map(str, labels[first : first + 16])) + "\n")
 
 
-def _blocks(path: Path) -> Iterator[tuple[str, dict[str, str], list[str]]]:
-    """Yield keyword, options and data lines of every block."""
-    keyword, options, lines = "", dict[str, str](), list[str]()
-    for raw in path.read_text(encoding="utf-8", errors="replace").splitlines():
-        line = raw.strip()
-        if line.startswith("**") or not line:
-            continue
-        if line.startswith("*"):
-            if keyword:
-                yield keyword, options, lines
-            head, *rest = [part.strip() for part in line[1:].split(",")]
-            keyword, lines = head.lower(), []
-            options = {k.strip().lower(): v.strip() for k, _, v in (part.partition("=") for part in rest)}
-        else:
-            lines.append(line)
-    if keyword:
-        yield keyword, options, lines
-
-
-def _numbers(lines: list[str], path: Path, what: str) -> list[list[float]]:
-    """Return the numbers of data lines.
-
-    Raises
-    ------
-    InputFileError
-        If one is none.
-    """
-    try:
-        return [[float(v) for v in line.split(",") if v.strip()] for line in lines]
-    except ValueError as error:
-        raise InputFileError(f"{path}: a line of {what} holds something that is no number ({error})") from None
-
-
 def read(path: Path) -> OrientedPoints:
-    """Read nodes, elements and a *Distribution of local axes by element; element sets PLATELET-<k> give platelets.
+    """Read the material axes of elements; element sets PLATELET-<k> give platelets.
+
+    Axis 1 is p, axis 3 r; a point stands at the mean of an element's corners. What is read and what is refused is
+    told in `ppmc.geometry.abaqus`.
 
     Raises
     ------
     InputFileError
-        If nodes, elements or the distribution are missing, or an element has no orientation.
+        If there are no elements, or one has no axes; naming line and keyword.
     """
-    nodes: dict[int, list[float]] = {}
-    elements: dict[int, list[int]] = {}
-    axes: dict[int, list[float]] = {}
-    default: list[float] | None = None
+    deck = read_deck(path)
+    for note in deck.notes:
+        notice(note)
+    if not deck.bodies:
+        raise InputFileError(f"{path}: no *ELEMENT that could hold fibres; orientations are read by element")
+    parts = [_of_body(body) for body in deck.bodies]
+    positions, axes, ids = (np.concatenate(values) for values in zip(*parts, strict=True))
+    return OrientedPoints(positions, axes[:, 0], axes[:, 2], None, ids if (ids >= 0).any() else None)
+
+
+def _of_body(body: Body) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Return positions, axes and platelets of the elements of one body."""
+    elements = list(body.scope.elements.values())
+    centres = np.array([body.scope.points(e)[: e.shape.corners].mean(axis=0) for e in elements])
+    axes = material_axes(body, elements, centres)
     platelets: dict[int, int] = {}
-    for keyword, options, lines in _blocks(path):
-        if keyword == "node":
-            nodes |= {int(row[0]): row[1:4] for row in _numbers(lines, path, "*Node")}
-        elif keyword == "element":
-            elements |= {int(row[0]): [int(v) for v in row[1:]] for row in _numbers(lines, path, "*Element")}
-        elif keyword == "distribution" and options.get("location", "").lower() == "element":
-            for line, row in zip(lines, _numbers(lines, path, "*Distribution"), strict=True):
-                if line.startswith(","):
-                    default = row[:6]
-                else:
-                    axes[int(row[0])] = row[1:7]
-        elif keyword == "elset" and options.get("elset", "").upper().startswith("PLATELET-"):
-            number = options["elset"][len("PLATELET-") :]
-            if number.isdigit():
-                platelets |= {int(v): int(number) for row in _numbers(lines, path, "*Elset") for v in row}
-    found = {"*Node": nodes, "*Element": elements, "*Distribution, location=element": axes or default}
-    missing = [name for name, content in found.items() if not content]
-    if missing:
-        raise InputFileError(f"{path}: no {', '.join(missing)}; orientations are read from a distribution by element")
-    rows = []
-    for label, corners in elements.items():
-        row = axes.get(label, default or [])
-        if len(row) != 6:
-            raise InputFileError(f"{path}: element {label} has no six numbers (axis 1, axis 2) in the distribution")
-        unknown = [c for c in corners if c not in nodes]
-        if unknown:
-            raise InputFileError(f"{path}: element {label} refers to node {unknown[0]}, which the file does not define")
-        rows.append((np.mean([nodes[c] for c in corners], axis=0), row))
-    positions = np.array([row[0] for row in rows])
-    both = np.array([row[1] for row in rows])
-    p, _, r = orthonormal_frame(both[:, :3], both[:, 3:])
-    ids = np.array([platelets.get(label, -1) for label in elements], dtype=np.int64) if platelets else None
-    return OrientedPoints(positions, p, r, None, ids)
+    for name in body.scope.sets:
+        number = name.removeprefix("PLATELET-")
+        if name != number and number.isdigit():
+            platelets |= dict.fromkeys(body.scope.members(name, f"*ELSET, ELSET={name}"), int(number))
+    ids = np.array([platelets.get(element.number, -1) for element in elements], dtype=np.int64)
+    return body.placement.apply(centres), axes, ids
