@@ -34,7 +34,8 @@ def run(scene: Scene, *, input: Path, output: Path, resume: bool = True, max_wal
     Raises
     ------
     SceneError
-        If a section is missing, the charge starts inside a tool, or it has no room in the closed cavity.
+        If a section is missing, the charge starts inside a tool, has no room in the closed cavity, or is one layer of
+        particles thick.
     InputFileError
         If the charge file is missing or damaged.
     NumericalError
@@ -44,6 +45,7 @@ def run(scene: Scene, *, input: Path, output: Path, resume: bool = True, max_wal
     """
     from ppmc.solver.setup import check_room, prepare
     from ppmc.solver.simulation import Simulation
+    from ppmc.solver.spread import check_layers
 
     for section in SECTIONS:
         scene.require(section)
@@ -53,5 +55,6 @@ def run(scene: Scene, *, input: Path, output: Path, resume: bool = True, max_wal
     check_output(output, [input])
     model, state = prepare(scene, charge)
     check_room(model, charge, input)
+    check_layers(model, state, input)
     provenance = Provenance.collect("ppmc.solver", scene, SECTIONS, [input], scene.seed)
     return Simulation(model, state, output, provenance).run(resume, max_walltime)
