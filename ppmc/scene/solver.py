@@ -56,7 +56,7 @@ class SolverSection(Section):
     kernel_shape: Literal["sphere", "affine"] = "affine"
     """`affine` lets the support follow the local lattice, which large stretches need; `sphere` saves a little time."""
     kernel_aspect_limit: float = Field(default=4.0, ge=1)
-    """Largest ratio of the axes of an affine support."""
+    """Largest ratio of the axes of an affine support, as long as it reaches its neighbours along the longest."""
     zero_energy: ZeroEnergyControl = Field(default_factory=ZeroEnergyControl)
     """Control of particle-to-particle modes."""
 

@@ -42,8 +42,9 @@ from ppmc.solver.operator import Operator, assemble
 from ppmc.solver.power import material_power, power_scale, tool_powers
 from ppmc.solver.reactions import add_reactions
 from ppmc.solver.reductions import dot
+from ppmc.solver.spread import check_spread
 from ppmc.solver.state import ParticleState
-from ppmc.solver.tool_loads import add_tool_loads, driven_share, face_areas, touched_faces
+from ppmc.solver.tool_loads import add_tool_loads, driven_share, face_areas, in_half_cells, touched_faces, wall_drag
 from ppmc.solver.tools import RATE_MEMORY
 from ppmc.solver.transport import (
     compose,
@@ -53,6 +54,7 @@ from ppmc.solver.transport import (
     jeffery_increment,
     small_strain,
 )
+from ppmc.solver.wall_layer import brake
 
 SAFETY = 0.8
 POWER_ITERATIONS = 20
@@ -80,10 +82,8 @@ class NearTools:
     ----------
     contacts : Contacts
         They and their faces.
-    friction : ndarray, shape (m, 3)
-        Drag of each face, Pa s/mm.
-    area : ndarray, shape (m, 3)
-        Area with which the particle touches each face, mm^2.
+    drag : ndarray, shape (m, 3, 3, 3)
+        Drag of each face, Pa s mm; (0, 3, 3, 3) if all slip.
     flattening : ndarray, shape (m, 3)
         What a touching particle's half-width loses in a step, mm; negative where it grows.
     kept : ndarray, shape (m, 3), bool
@@ -93,8 +93,7 @@ class NearTools:
     """
 
     contacts: Contacts
-    friction: np.ndarray
-    area: np.ndarray
+    drag: np.ndarray
     flattening: np.ndarray
     kept: np.ndarray
     pressing: np.ndarray
@@ -173,6 +172,8 @@ class ExplicitIntegrator(ImplicitIntegrator):
             self._follow_flow(time + elapsed)
             self.refresh_neighbours()
             self._assemble(self.weigh(self.state.position), time + elapsed)
+            assert self.present is not None
+            check_spread(self.present.pairs, self.present.inverse, self.state)
             self.limits = self._estimate_limits()
             count = max(1, math.ceil((time_step - elapsed) / self.limits.used - 1e-9))
             dt, steps = (time_step - elapsed) / count, min(count, LIMITS_EVERY)
@@ -234,13 +235,12 @@ class ExplicitIntegrator(ImplicitIntegrator):
         _blend(state.smooth_gradient, self._around_walls(self.present.pairs, state.velocity_gradient), RATE_MEMORY)
         _blend(state.twice_smooth_gradient, state.smooth_gradient, RATE_MEMORY)
         here = walls.contacts(state, time, dt, 1.5 * float(walls.spacing.max()))
+        drag = wall_drag(self.model, state, here, self.present, here.tool >= 0)
         state.wall_layers = here.wall_layers(len(state))
-        shear = np.full(len(here.rows), self.model.material.shear)
         # Half-widths of particles that touch were carried on by one step: they grow where tools part.
         change = np.where(here.active, here.gap, np.maximum(here.gap, 0.0))
         flattening = np.where(np.abs(here.gap) < TOUCHING * here.half_width, change, 0.0)
-        friction, none = walls.friction(here, shear), np.zeros(here.gap.shape)
-        return NearTools(here, friction, face_areas(state, here), flattening, here.active.copy(), none)
+        return NearTools(here, drag, flattening, here.active.copy(), np.zeros(here.gap.shape))
 
     def _push(self, near: NearTools, dt: float, loads: Loads) -> None:
         """Advance the velocities by the forces of the charge and of the tools."""
@@ -254,8 +254,9 @@ class ExplicitIntegrator(ImplicitIntegrator):
             state.velocity = velocities
             return
         here, per_mass = velocities[rows], (-dt / (model.density * state.volume[rows]))[:, None]
-        friction = _drag(near, state.velocity[rows])
-        here += per_mass * friction.sum(axis=1)
+        rubbing = np.zeros_like(contacts.wall_velocity)
+        if len(near.drag):
+            rubbing = brake(near.drag, contacts.active, contacts.wall_velocity, -per_mass[:, 0], here)
         contacts.active = near.kept.copy()
         contacts.active |= contacts.violations(here, dt) > 0.0
         free, held = contacts.constrain(dt)
@@ -264,9 +265,10 @@ class ExplicitIntegrator(ImplicitIntegrator):
         near.pressing += pressing
         add_tool_loads(model, contacts, forces, state.position[rows], loads.pressing)
         if model.walls.rub:
-            add_tool_loads(model, contacts, -friction, state.position[rows], loads.rubbing)
-        body = self._body_power(rows, (forces - friction).sum(axis=1), 0.5 * (state.velocity[rows] + moved))
-        loads.powers += body, *tool_powers(contacts, forces, -friction, state.velocity[rows])
+            add_tool_loads(model, contacts, rubbing, state.position[rows], loads.rubbing)
+        mean = 0.5 * (state.velocity[rows] + moved)
+        body = float(np.sum((forces + rubbing).sum(axis=1) * mean)) + self._behind_layers(near, mean)
+        loads.powers += body, *tool_powers(contacts, forces, rubbing, mean)
         relative = moved[:, None, :] - contacts.wall_velocity
         contacts.gap = contacts.gap + dt * np.einsum("nkc,nkc->nk", contacts.normal, relative) + near.flattening
         velocities[rows] = moved
@@ -279,20 +281,23 @@ class ExplicitIntegrator(ImplicitIntegrator):
         near.contacts.active &= ~released
         self.remember(near.contacts)
 
-    def _body_power(self, rows: np.ndarray, forces: np.ndarray, velocities: np.ndarray) -> float:
-        """Power that the charge takes up in a step, Pa mm^3/s.
+    def _behind_layers(self, near: NearTools, velocities: np.ndarray) -> float:
+        """Power, Pa mm^3/s, that the half-cells behind wall layers take up, which do not resist.
 
-        With the mean `velocities` (m, 3), mm/s, of the step the tools' `forces` (m, 3), Pa mm^2, on the particles
-        `rows` (m,) do just the work that dissipates, is stored or sets the charge in motion. To it comes what the
-        half-cells behind wall layers take up, which do not resist.
+        What tools do on the particles with the mean `velocities` (m, 3), mm/s, of a step is just what dissipates, is
+        stored or sets the charge in motion; to that comes this, without the shear that walls drag on.
         """
-        state, operator = self.state, self.present
+        state, operator, contacts = self.state, self.present, near.contacts
         assert operator is not None
-        share, gradient = between_wall_layers(state.wall_layers[rows]), state.velocity_gradient[rows]
+        rows = contacts.rows
+        share, gradient, lost = between_wall_layers(state.wall_layers[rows]), state.velocity_gradient[rows], 0.0
         pressure = self.model.bulk_modulus * (state.volume_ratio[rows] - 1.0)
-        behind = (1.0 / share - 1.0) * material_power(operator, gradient, rows)
-        behind += (1.0 - share) * pressure * np.einsum("nii->n", gradient)
-        return float(np.sum(forces * velocities) + np.sum(state.volume[rows] * behind))
+        swelling = np.einsum("nii->n", gradient)
+        if len(near.drag):
+            slide = velocities[:, None, :] - contacts.wall_velocity
+            gradient, lost = in_half_cells(self.model, state, contacts, near.drag, slide, gradient)
+        behind = (1.0 / share - 1.0) * material_power(operator, gradient, rows) + (1.0 - share) * pressure * swelling
+        return float(np.sum(state.volume[rows] * behind)) - lost
 
     def _account_for(self, near: NearTools, report: StepReport) -> None:
         """Put the work done at the last positions into the report."""
@@ -306,9 +311,18 @@ class ExplicitIntegrator(ImplicitIntegrator):
         pressure = self.model.bulk_modulus * (1.0 - state.volume_ratio)
         released = float(np.sum(state.volume * pressure * np.einsum("nii->n", gradient)))
         report.driven_share = driven_share(report.dissipation, released)
+        # Heat of whole cells and at walls; so far it was that of the parts that resist.
+        contacts, rows = near.contacts, near.contacts.rows
+        gradient = gradient[rows]
+        if len(near.drag):
+            slide = state.velocity[rows, None, :] - contacts.wall_velocity
+            gradient, lost = in_half_cells(self.model, state, contacts, near.drag, slide, gradient)
+            heat = np.einsum("nka,nkab,nkb->nk", slide, near.drag, slide) * contacts.whole_cells()[:, None]
+            report.dissipation += float(np.sum(np.where(contacts.active, heat, 0.0))) - lost
+        behind = (1.0 / between_wall_layers(state.wall_layers[rows]) - 1.0) * material_power(operator, gradient, rows)
+        report.dissipation += float(np.sum(state.volume[rows] * behind))
         report.contacts = int(near.contacts.active.any(axis=1).sum())
-        contacts = near.contacts
-        report.touched = touched_faces(contacts, near.area)
+        report.touched = touched_faces(contacts, face_areas(state, contacts))
         depth = -(contacts.gap - near.flattening).min(axis=1, initial=0.0)
         report.penetration = float(depth.max(initial=0.0))
         if report.penetration > 0.0:
@@ -366,14 +380,6 @@ def _opposing_force(operator: Operator, velocities: np.ndarray, stress: np.ndarr
     )  # fmt: skip
     add_reactions(blocks.rows, blocks.low, blocks.offset, window, out)
     return out
-
-
-def _drag(near: NearTools, velocities: np.ndarray) -> np.ndarray:
-    """Drag of each face on particles of given velocities (m, 3); shape (m, 3, 3), Pa mm^2."""
-    contacts = near.contacts
-    slip = velocities[:, None, :] - contacts.wall_velocity
-    slip -= np.einsum("nkc,nkc->nk", slip, contacts.normal)[..., None] * contacts.normal
-    return (np.where(contacts.active, near.friction, 0.0) * near.area)[..., None] * slip
 
 
 @njit(cache=True, parallel=True)

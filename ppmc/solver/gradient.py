@@ -14,11 +14,11 @@ import numpy as np
 
 from ppmc.compile_cache import njit, prange
 from ppmc.solver.neighbours import Pairs
-from ppmc.solver.small_tensors import invert_symmetric
+from ppmc.solver.small_tensors import invert_in_metric, invert_symmetric
 
 CHUNK = 64  # rows that share their buffers
 FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}  # never nnan or ninf
-MOMENT_FLOOR = 0.01  # smallest eigenvalue of M, in parts of its largest, that is taken at its word
+MOMENT_FLOOR = 0.01  # smallest eigenvalue of M in the kernel's metric, in parts of its largest, taken at its word
 _NO_VELOCITIES = np.empty((0, 3))
 
 
@@ -58,7 +58,7 @@ def moments_and_gradient(
     inverse, trace, first = np.empty((n, 3, 3)), np.empty(n), np.empty((n, 3))
     _moments(
         pairs.start, pairs.count, pairs.index, pairs.weight, positions, volumes, velocities,
-        int(pairs.count.max(initial=0)), MOMENT_FLOOR, inverse, trace, first, gradient,
+        pairs.metric, int(pairs.count.max(initial=0)), MOMENT_FLOOR, inverse, trace, first, gradient,
     )  # fmt: skip
     pairs.moments = volumes, inverse, trace, first
     return gradient
@@ -169,7 +169,7 @@ def _write_gradient(sums, inverse, i, out):
 
 
 @njit(cache=True, parallel=True)
-def _moments(start, count, index, weight, x, volume, v, longest, floor, inverse, trace, first, gradient):
+def _moments(start, count, index, weight, x, volume, v, metric, longest, floor, inverse, trace, first, gradient):
     n = x.shape[0]
     for chunk in prange((n + CHUNK - 1) // CHUNK):
         a, da, db, dc = np.empty(longest), np.empty(longest), np.empty(longest), np.empty(longest)
@@ -183,7 +183,10 @@ def _moments(start, count, index, weight, x, volume, v, longest, floor, inverse,
             moment[1, 0], moment[2, 1], moment[2, 0] = xy, yz, xz
             first[i, 0], first[i, 1], first[i, 2] = s0, s1, s2
             trace[i] = xx + yy + zz
-            invert_symmetric(moment, floor, inverse[i])
+            if metric.shape[0] > 0:
+                invert_in_metric(moment, metric[i], floor, inverse[i])
+            else:
+                invert_symmetric(moment, floor, inverse[i])
             if v.shape[0] > 0:
                 _copy_differences(index, v, i, begin, m, wa, wb, wc)
                 _write_gradient(sum_products(wa, wb, wc, a, da, db, dc, m), inverse, i, gradient)

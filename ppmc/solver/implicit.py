@@ -17,7 +17,7 @@ from ppmc.solver.cells import Cells, sort_into_cells
 from ppmc.solver.contact import Contacts, between_wall_layers
 from ppmc.solver.contact_passes import solve_with_contacts
 from ppmc.solver.gradient import mean_around, moments_and_gradient, velocity_gradient
-from ppmc.solver.kernel_shape import follow_lattice, inverse_shape, limited, rearrangement_rate, smoothness
+from ppmc.solver.kernel_shape import follow_lattice, inverse_shape, kernel_of, rearrangement_rate, smoothness
 from ppmc.solver.measures import PackingMeasure, packing_inside
 from ppmc.solver.model import Model, StepReport
 from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, extents, list_is_stale, weigh_pairs
@@ -25,6 +25,7 @@ from ppmc.solver.operator import Operator, assemble
 from ppmc.solver.packing import Packing
 from ppmc.solver.rigid_modes import Pieces
 from ppmc.solver.smoothing import SUPPORT, pair_weight
+from ppmc.solver.spread import check_spread
 from ppmc.solver.state import ParticleState
 from ppmc.solver.time_step import limit_rate
 from ppmc.solver.tool_loads import account
@@ -234,6 +235,7 @@ class ImplicitIntegrator:
         contacts.active |= contacts.violations(state.velocity[contacts.rows], dt) > TOUCH * model.spacing
         state.wall_layers = contacts.wall_layers(len(state))
         operator = self.operator(ahead, time, dt)
+        check_spread(operator.pairs, operator.inverse, state)
         pieces = Pieces.of(operator.pairs, operator.positions, operator.volumes)
         report = StepReport(time_step=dt)
         self.measured = None  # not needed while the solve holds most
@@ -310,7 +312,7 @@ class ImplicitIntegrator:
         state.flow_residual = rearrangement / np.maximum(strain, LEAST_STRAIN * strain.mean() + 1e-300)
         state.lattice_shape = follow_lattice(state.lattice_shape, increment, rearrangement, strain)
         if self.affine:
-            state.kernel_shape = limited(state.lattice_shape, self.model.settings.kernel_aspect_limit)
+            state.kernel_shape = kernel_of(state.lattice_shape, self.model.settings.kernel_aspect_limit)
 
     def packing(self, pairs: Pairs, time: float) -> Packing:
         """Packing of each particle."""

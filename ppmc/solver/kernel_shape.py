@@ -6,7 +6,9 @@ lattice dissolves, and its shape fades towards the sphere at the rate of that re
 exactly, so that contact widths and neighbourhoods stay right at any stretch.
 
 The kernel follows the lattice's shape with its axes kept within a limited ratio: past a stretch of two a sphere loses
-its neighbours in one direction and gains too many in another. Only the weights change with it.
+its neighbours in one direction and gains too many in another. Only the weights change with it. Kept within a ratio, an
+ellipsoid swells in units of the lattice's cells, and brought back to its volume it is shorter along the longest axis
+than the lattice, by the cube root of the swelling. Where that would cost the neighbours there, the limit gives way.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -17,14 +19,27 @@ from ppmc.compile_cache import njit, prange
 from ppmc.solver.neighbours import Pairs
 from ppmc.solver.small_tensors import diagonalise, unpack
 
-MOST_ASPECT = 50.0  # of a lattice's axes
+MOST_ASPECT = 400.0  # of a lattice's axes: drawn out along one of them to twenty times, as half-widths may shrink
 # Share of the strain rate, by which neighbours may leave the affine motion and still count as a lattice; and how many
 # times faster than that rate the logarithm of the shape fades beyond.
 LATTICE_NOISE, FADING = 0.2, 4.0
+# Swelling beyond which the ratio of a kernel's axes is let grow: it then still reaches 1.6 spacings along the longest
+# axis of a lattice, 2.6 without swelling; at 1.3, weights there are a hundredth and noise decides the gradient.
+MOST_SWOLLEN = 4.0
 TURNING = 0.4  # the same share where the flow turns within a kernel, and residuals are the flow itself
 
 
-def limited(shape: np.ndarray, aspect_limit: float, fade: np.ndarray | float = 0.0) -> np.ndarray:
+def kernel_of(lattice: np.ndarray, aspect_limit: float) -> np.ndarray:
+    """Kernel shapes (n, 6) of lattices (n, 6) of unit determinant.
+
+    No axis is longer than `aspect_limit` times another, unless the kernel would swell by more than `MOST_SWOLLEN`.
+    """
+    return limited(lattice, aspect_limit, most_swollen=MOST_SWOLLEN)
+
+
+def limited(
+    shape: np.ndarray, aspect_limit: float, fade: np.ndarray | float = 0.0, most_swollen: float = np.inf
+) -> np.ndarray:
     """Shapes of unit determinant with no axis longer than `aspect_limit` times another.
 
     Parameters
@@ -34,13 +49,16 @@ def limited(shape: np.ndarray, aspect_limit: float, fade: np.ndarray | float = 0
     aspect_limit : float
     fade : ndarray, shape (n,), or float
         Share by which the logarithm shrinks.
+    most_swollen : float
+        Volume that a shape may gain before it is brought back to its own; beyond, the limit gives way.
 
     Returns
     -------
     ndarray, shape (n, 6)
     """
     out = np.empty_like(shape)
-    _limited(shape, aspect_limit, np.broadcast_to(np.asarray(fade, dtype=np.float64), len(shape)), out)
+    fades = np.broadcast_to(np.asarray(fade, dtype=np.float64), len(shape))
+    _limited(shape, aspect_limit, most_swollen, fades, out)
     return out
 
 
@@ -130,11 +148,16 @@ def _axes(shape, t, vectors):
 
 
 @njit(cache=True, parallel=True)
-def _limited(shape, aspect_limit, fade, out):
+def _limited(shape, aspect_limit, most_swollen, fade, out):
     for i in prange(shape.shape[0]):
         t, v, values = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
         _axes(shape[i], t, v)
-        least, product = max(t[0, 0], t[1, 1], t[2, 2]) / aspect_limit**2, 1.0
+        most, product = max(t[0, 0], t[1, 1], t[2, 2]), 1.0
+        middle = t[0, 0] + t[1, 1] + t[2, 2] - most - min(t[0, 0], t[1, 1], t[2, 2])
+        # Squared ratios at which one axis, or two, have been lengthened to that swelling.
+        one, two = most * most * middle / most_swollen**2, most**1.5 / most_swollen
+        needed = one if np.sqrt(most) * middle >= most_swollen else two
+        least = most / max(aspect_limit**2, needed)
         for k in range(3):
             values[k] = max(t[k, k], least) ** (1.0 - fade[i])
             product *= values[k]

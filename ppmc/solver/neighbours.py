@@ -19,7 +19,7 @@ candidate has come within reach or left it, which few do from step to step.
 
 # mypy: disable-error-code="no-untyped-def"
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -74,6 +74,8 @@ class Pairs:
         nothing but a change of the kernel in its seventh digit.
     blocks : Blocks
         Blocks of rows, as in the list.
+    metric : ndarray, shape (n, 6) or (0, 6)
+        Inverse kernel shapes that the weights were taken with; none for spheres.
     moments : tuple of ndarray, optional
         Volumes, then inverse, trace and first moments taken with them (:func:`ppmc.solver.gradient.moment_inverses`),
         so that nothing takes the same sums again.
@@ -84,6 +86,7 @@ class Pairs:
     index: np.ndarray
     weight: np.ndarray
     blocks: Blocks
+    metric: np.ndarray = field(default_factory=lambda: _NO_METRIC)
     moments: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
 
 
@@ -197,7 +200,7 @@ def weigh_pairs(
     metric = _NO_METRIC if inverse_shape is None else inverse_shape
     start, count, index, weight = neighbours.start, neighbours.count, neighbours.index, neighbours.weight
     _weigh(start, positions, metric, smoothing_length, neighbours.longest, count, index, weight)
-    return Pairs(start, count, index, weight, neighbours.blocks)
+    return Pairs(start, count, index, weight, neighbours.blocks, metric)
 
 
 def _blocks(start: np.ndarray, index: np.ndarray) -> Blocks:

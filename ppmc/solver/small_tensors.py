@@ -94,6 +94,56 @@ def invert_symmetric(m, floor, out):
 
 
 @njit(cache=True)
+def least_and_most(first, second, third):
+    """Smallest and largest root of x^3 - first x^2 + second x - third, all of them real (trigonometric formula)."""
+    mean = first / 3.0
+    p = math.sqrt(max(mean * mean - second / 3.0, 0.0))
+    if p <= 1e-14 * abs(mean):
+        return mean, mean
+    half = (0.5 * (third - mean * second) + mean * mean * mean) / (p * p * p)
+    angle = math.acos(min(1.0, max(-1.0, half))) / 3.0
+    return mean + 2.0 * p * math.cos(angle + 2.0 * math.pi / 3.0), mean + 2.0 * p * math.cos(angle)
+
+
+@njit(cache=True)
+def invert_in_metric(m, g, floor, out):
+    """Write the inverse of a symmetric positive 3x3 matrix to `out`, judged in a metric (6,) of unit determinant.
+
+    As :func:`invert_symmetric`, with the eigenvalues of G M in place of those of M, and the inverse of G in place of
+    the identity: what is short along one axis of a drawn out lattice is not for that flat.
+    """
+    a, b, c, d, e, f = m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[1, 2], m[0, 2]
+    x, y, z = b * c - e * e, f * e - d * c, d * e - f * b
+    determinant = a * x + d * y + f * z
+    trace = g[0] * a + g[1] * b + g[2] * c + 2.0 * (g[3] * d + g[4] * e + g[5] * f)
+    if not (a > 0.0 and a * b > d * d and 4.0 * determinant > floor * trace**3):
+        # Inverse of the metric, and the second invariant, tr(cof(M) G^-1).
+        ca, cb, cc = g[1] * g[2] - g[4] * g[4], g[0] * g[2] - g[5] * g[5], g[0] * g[1] - g[3] * g[3]
+        cd, ce, cf = g[5] * g[4] - g[3] * g[2], g[3] * g[5] - g[4] * g[0], g[3] * g[4] - g[5] * g[1]
+        second = ca * x + cb * (a * c - f * f) + cc * (a * b - d * d)
+        second += 2.0 * (cd * y + ce * (d * f - a * e) + cf * z)
+        low, high = least_and_most(trace, second, determinant)
+        if high <= 0.0:
+            out[:] = 0.0
+            return
+        if low < floor * high:
+            add = floor * high - low
+            a, b, c, d, e, f = a + add * ca, b + add * cb, c + add * cc, d + add * cd, e + add * ce, f + add * cf
+            x, y, z = b * c - e * e, f * e - d * c, d * e - f * b
+            determinant = a * x + d * y + f * z
+    inverse_det = 1.0 / determinant
+    out[0, 0] = x * inverse_det
+    out[0, 1] = y * inverse_det
+    out[0, 2] = z * inverse_det
+    out[1, 0] = out[0, 1]
+    out[1, 1] = (a * c - f * f) * inverse_det
+    out[1, 2] = (f * d - a * e) * inverse_det
+    out[2, 0] = out[0, 2]
+    out[2, 1] = out[1, 2]
+    out[2, 2] = (a * b - d * d) * inverse_det
+
+
+@njit(cache=True)
 def invert_block(block, out):
     """Write the inverse of a positive definite 3x3 block, or zero where the block is zero."""
     trace = block[0, 0] + block[1, 1] + block[2, 2]

@@ -48,8 +48,8 @@ def run(
     Raises
     ------
     SceneError
-        If a section is missing, an unfinished run at `output` is another one, the charge starts inside a tool, or it
-        has no room in the closed cavity.
+        If a section is missing, an unfinished run at `output` is another one, the charge starts inside a tool, has no
+        room in the closed cavity, or is one layer of particles thick.
     InputFileError
         If the charge file is missing or damaged.
     NumericalError
@@ -64,6 +64,7 @@ def run(
     from ppmc.solver.charge_checks import check_charge
     from ppmc.solver.setup import check_room, prepare, spacing_of
     from ppmc.solver.simulation import Simulation
+    from ppmc.solver.spread import check_layers
 
     for section in SECTIONS:
         scene.require(section)
@@ -75,6 +76,7 @@ def run(
     model, state = prepare(scene, charge)
     check_charge(charge, spacing_of(charge), input)
     check_room(model, charge, input)
+    check_layers(model, state, input)
     reach = float(spacing_of(charge).max())
     for line in idle_tools(model.walls.tools, charge.positions, reach, model.settings.end_time):
         print(line)

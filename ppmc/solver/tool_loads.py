@@ -10,18 +10,26 @@ from ppmc.solver.model import Model, Place, StepReport, Touched
 from ppmc.solver.operator import Operator
 from ppmc.solver.power import material_power, power_scale, tool_powers
 from ppmc.solver.state import ParticleState
+from ppmc.solver.wall_layer import layer_drag, sheared
 
 
-def wall_drag(model: Model, state: ParticleState, contacts: Contacts, operator: Operator) -> np.ndarray:
-    """Drag of Navier and no-slip walls at each face, shape (m, 3, 3, 3), Pa s mm; (0, 3, 3, 3) if all slip."""
+def wall_drag(
+    model: Model, state: ParticleState, contacts: Contacts, operator: Operator, on: np.ndarray | None = None
+) -> np.ndarray:
+    """Drag of Navier and no-slip walls at each face, shape (m, 3, 3, 3), Pa s mm; (0, 3, 3, 3) if all slip.
+
+    The particle's part at a face resists, as in its contact forces. `on`, shape (m, 3), are the faces that count:
+    those that touch if not given. Wall layers in `state` must be those that the operator was made with.
+    """
     rows = contacts.rows
     if not model.walls.rub:
         return np.zeros((0, FACES, 3, 3))
-    shear = operator.shear[rows] / between_wall_layers(state.wall_layers[rows])
-    factor = np.where(contacts.active, model.walls.friction(contacts, shear), 0.0)
-    area = face_areas(state, contacts)
-    tangent = np.eye(3) - contacts.normal[..., :, None] * contacts.normal[..., None, :]
-    return (factor * area)[..., None, None] * tangent
+    share = between_wall_layers(state.wall_layers[rows])
+    return layer_drag(
+        contacts, _slip_lengths(model, contacts, contacts.active if on is None else on),
+        _resisting_areas(state, contacts), operator.shear[rows] / share, operator.fibre[rows] / share[:, None],
+        operator.directions[rows],
+    )  # fmt: skip
 
 
 def face_areas(state: ParticleState, contacts: Contacts) -> np.ndarray:
@@ -37,7 +45,36 @@ def touched_faces(contacts: Contacts, areas: np.ndarray) -> Touched:
 
 def held_by_air(model: Model, state: ParticleState, contacts: Contacts) -> np.ndarray:
     """Pull that the ambient pressure withstands at each face, shape (m, 3), Pa mm^2, for the part that resists."""
-    return model.settings.ambient_pressure * face_areas(state, contacts) / contacts.whole_cells()[:, None]
+    return model.settings.ambient_pressure * _resisting_areas(state, contacts)
+
+
+def _resisting_areas(state: ParticleState, contacts: Contacts) -> np.ndarray:
+    """The part of each face's area, shape (m, 3), mm^2, with which a particle in several wall layers resists."""
+    return face_areas(state, contacts) / contacts.whole_cells()[:, None]
+
+
+def _slip_lengths(model: Model, contacts: Contacts, on: np.ndarray) -> np.ndarray:
+    """Inverse friction, mm/(Pa s), of the faces `on`, shape (m, 3); infinite at all others."""
+    return np.where(on, model.walls.slip_lengths(contacts), np.inf)
+
+
+def in_half_cells(
+    model: Model, state: ParticleState, contacts: Contacts, drag: np.ndarray, slide: np.ndarray, gradient: np.ndarray
+) -> tuple[np.ndarray, float]:  # fmt: skip
+    """Velocity gradients (m, 3, 3), 1/s, behind wall layers, and the power, uN mm/s, of shear over walls that rub.
+
+    Parameters
+    ----------
+    drag : ndarray, shape (m, 3, 3, 3)
+        See :func:`wall_drag`.
+    slide : ndarray, shape (m, 3, 3)
+        Velocities of the particles against each face, mm/s.
+    gradient : ndarray, shape (m, 3, 3)
+        Of the particles, 1/s.
+    """
+    slip = _slip_lengths(model, contacts, contacts.active)
+    behind, power = sheared(contacts, slip, _resisting_areas(state, contacts), drag, slide, gradient)
+    return behind, float(np.sum(contacts.whole_cells() * power))
 
 
 def held_pressure(model: Model, state: ParticleState) -> np.ndarray:
@@ -79,7 +116,7 @@ def account(
     total = float(np.sum(v * resisted))
     gradient = velocity_gradient(operator.pairs, operator.positions, operator.volumes, operator.inverse, v)
     power, swelling = material_power(operator, gradient), np.einsum("nii->n", gradient)
-    del resisted, gradient
+    del resisted
     physical = float(np.sum(operator.volumes * power))
     # Pressure that builds up or dies down in the step is no dissipation.
     stored = float(np.sum(operator.volumes * operator.bulk * swelling**2))
@@ -92,7 +129,20 @@ def account(
     slide = v[contacts.rows, None, :] - contacts.wall_velocity
     faces = wall_drag(model, state, contacts, operator)
     drag = -np.einsum("nkab,nkb->nka", faces, slide) if len(faces) else np.zeros_like(slide)
-    body = _body_power(model, state, power, swelling, v, time_step) + total - physical
+    rubbed = -float(np.sum(contacts.whole_cells()[:, None, None] * drag * slide))
+    shares = between_wall_layers(state.wall_layers)
+    power /= shares
+    lost = 0.0
+    if len(faces):
+        share = shares[contacts.rows]
+        behind, lost = in_half_cells(model, state, contacts, faces, slide, gradient[contacts.rows])
+        power[contacts.rows] *= share
+        power[contacts.rows] += (1.0 / share - 1.0) * material_power(operator, behind, contacts.rows)
+    del gradient
+    body = _body_power(model, state, power, swelling, v, time_step) + total - physical - lost
+    # Heat of whole cells and at walls; so far it was that of the parts that resist.
+    kept = operator.bulk / shares * swelling**2
+    report.dissipation = float(np.sum(operator.volumes * (power - kept))) + total - physical + rubbed - lost
     forces *= power_scale(body, *tool_powers(contacts, forces, drag, v[contacts.rows]))
     add_tool_loads(model, contacts, forces + drag, operator.positions[contacts.rows], report)
     report.contacts = int(contacts.active.any(axis=1).sum())
@@ -119,6 +169,9 @@ def add_tool_loads(
 ) -> None:
     """Add what the particles exert on the tools to a report.
 
+    Forces act at the centres of wall layers, where the charge is in balance with them. A half-cell that is sheared
+    passes a couple on as well, the traction along the wall times its width: taken at the wall, it would be lost.
+
     Parameters
     ----------
     model : Model
@@ -136,9 +189,8 @@ def add_tool_loads(
     for k in range(contacts.tool.shape[1]):
         on = contacts.active[:, k]
         tool, force = contacts.tool[on, k], -whole[on, None] * forces[on, k]
-        at = positions[on] - contacts.half_width[on, k, None] * contacts.normal[on, k]
         np.add.at(report.tool_force, tool, force)
-        np.add.at(report.tool_moment, tool, np.cross(at, force))
+        np.add.at(report.tool_moment, tool, np.cross(positions[on], force))
 
 
 def _body_power(
@@ -147,10 +199,10 @@ def _body_power(
 ) -> float:  # fmt: skip
     """Power, Pa mm^3/s, that the charge takes up, the half-cells behind wall layers included.
 
-    `power` per volume and divergence `swelling` are (n,), velocities (n, 3).
+    `power` per volume of whole cells and divergence `swelling` are (n,), velocities (n, 3).
     """
     pressure = model.bulk_modulus * (state.volume_ratio - 1.0)
-    whole = float(np.sum(state.volume * (power / between_wall_layers(state.wall_layers) + pressure * swelling)))
+    whole = float(np.sum(state.volume * (power + pressure * swelling)))
     if model.density == 0.0:
         return whole
     gained = velocities * (velocities - state.velocity)

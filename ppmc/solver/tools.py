@@ -111,20 +111,14 @@ class Walls:
             active=touched,
         )
 
-    def friction(self, contacts: Contacts, shear: np.ndarray) -> np.ndarray:
-        """Drag of each face on the centres of its wall layer, per area and velocity, shape (m, 3), Pa s/mm.
-
-        The half-cell between the centre and the wall shears in series with the wall's own law, 1/(1/friction +
-        w/eta23); a no-slip wall is the limit of infinite friction, a slip wall has none. `shear`, shape (m,), is that
-        of the particles in `contacts`.
-        """
+    def slip_lengths(self, contacts: Contacts) -> np.ndarray:
+        """Inverse friction of each face, shape (m, 3), mm/(Pa s): zero without slip, infinite where nothing rubs."""
         near = np.maximum(contacts.tool, 0)
         laws = self.tools.arrays
-        friction = np.where(laws.wall[near] == NAVIER, laws.friction[near], 0.0)
-        slip_length = np.where(friction > 0.0, 1.0 / np.maximum(friction, 1e-300), np.inf)
-        slip_length[laws.wall[near] == NO_SLIP] = 0.0
-        layer = contacts.half_width / shear[:, None]
-        return np.where(contacts.tool >= 0, 1.0 / np.maximum(slip_length + layer, 1e-300), 0.0)
+        rubs = (laws.wall[near] == NAVIER) & (laws.friction[near] > 0.0)
+        out = np.where(rubs, 1.0 / np.where(rubs, laws.friction[near], 1.0), np.inf)
+        out[laws.wall[near] == NO_SLIP] = 0.0
+        return np.where(contacts.tool >= 0, out, np.inf)
 
     def nearest_normals(self, positions: np.ndarray, time: float) -> np.ndarray:
         """Normal of the nearest tool at each particle, shape (n, 3)."""
