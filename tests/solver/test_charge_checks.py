@@ -50,5 +50,5 @@ def test_directions_that_span_no_plane(tmp_path: Path) -> None:
     q = np.tile(np.eye(3)[1], (64, 1))
     q[7] = [-1.0, 0.0, 0.0]
     path = write(tmp_path / "c.vtkhdf", in_plane_direction=q)
-    with pytest.raises(InputFileError, match=r"in_plane_direction\[7\] = 0.0 is the sine .* fibre_direction"):
+    with pytest.raises(InputFileError, match=r"in_plane_direction\[7\] = 0. is parallel to fibre_direction"):
         read_particles(path, "charge")
