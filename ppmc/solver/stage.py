@@ -5,9 +5,7 @@ from pathlib import Path
 from ppmc.errors import SceneError
 from ppmc.files import Claim, Provenance, check_output, is_product, one_writer, read_particles
 from ppmc.scene import Scene
-from ppmc.scene.depends import of_flow
-
-SECTIONS = ("tooling", "material", "solver")
+from ppmc.scene.depends import FLOW_SECTIONS, of_flow
 
 
 @one_writer(lambda given: [Claim(given["output"])])
@@ -62,7 +60,7 @@ def run(
     from ppmc.solver.setup import check_room, prepare, spacing_of
     from ppmc.solver.simulation import Simulation
 
-    for section in SECTIONS:
+    for section in FLOW_SECTIONS:
         scene.require(section)
     if max_walltime is not None and max_walltime <= 0.0:
         raise SceneError(f"the wall-clock limit must be positive, not {max_walltime} s")
