@@ -150,7 +150,7 @@ def test_another_scene_is_refused_and_a_later_end_goes_on(
     told = r"2 frames up to t = 0\.25 s are there, .*material\.shear_viscosity: 5\.36 -> 5\.5; say --restart"
     with pytest.raises(SceneError, match=told):
         run(other, input=charge, output=flow)
-    with pytest.raises(SceneError, match="solver.end_time is 0.2 s; give a later end"):
+    with pytest.raises(SceneError, match=r"solver\.end_time is 0\.2 s; give a later end"):
         run(parse_scene(scene_text(end=0.2).replace("0.25 s", "0.1 s")), input=charge, output=flow)
     write_charge(tmp_path / "other.vtkhdf", (5, 4, 6))
     with pytest.raises(SceneError, match=r"other\.vtkhdf: other content"):
