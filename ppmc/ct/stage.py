@@ -86,7 +86,7 @@ def _claims(given: Mapping[str, Any]) -> list[Claim]:
     output, part = Path(given["output"]), given["part"]
     if part is None:
         return [Claim(output)]
-    share = output.with_name(f"{output.stem}.part-{part[0]}-of-{part[1]}")
+    share = output.with_name(f"{output.stem}.part-{part[0]}-of-{part[1]}{output.suffix or '.vtkhdf'}")
     return [Claim(output, shared=True), Claim(share)]
 
 

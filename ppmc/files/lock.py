@@ -199,7 +199,7 @@ def locked(claims: Sequence[Claim]) -> Iterator[None]:
         If another process has one of them; it is named, with host, process and since when.
     """
     with ExitStack() as stack:
-        for claim in claims:
+        for claim in {claim.lock: claim for claim in claims}.values():
             held = _Held(claim)
             held.take()
             stack.callback(held.release)

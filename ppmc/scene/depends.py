@@ -9,6 +9,8 @@ from pathlib import Path
 from ppmc.scene.charge import CtOrientation, DrapedDomain, LocalOrientation
 from ppmc.scene.scene import Scene
 
+FLOW_SECTIONS = ("tooling", "material", "solver")
+
 
 @dataclass(frozen=True)
 class Depends:
@@ -62,8 +64,7 @@ def of_charge(scene: Scene, orientations: Path | None, volume: Path | None) -> D
 
 def of_flow(scene: Scene, charge: Path) -> Depends:
     """Return what a flow depends on."""
-    sections = ("tooling", "material", "solver")
-    return Depends("ppmc.solver", sections, _each_once([charge, *scene.named_files(*sections)]))
+    return Depends("ppmc.solver", FLOW_SECTIONS, _each_once([charge, *scene.named_files(*FLOW_SECTIONS)]))
 
 
 def of_analysis(scene: Scene, given: Iterable[Path | None]) -> Depends:

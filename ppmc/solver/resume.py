@@ -6,10 +6,10 @@ from typing import Any
 from ppmc.errors import InputFileError, SceneError
 from ppmc.files import Provenance, SeriesWriter, growing_folder
 from ppmc.files.frame_files import FrameFolder
+from ppmc.scene.depends import FLOW_SECTIONS
 from ppmc.solver.checkpoint import Checkpoint, sound_checkpoints
 from ppmc.solver.model import Model
 
-SECTIONS = ("tooling", "material", "solver")
 # What may differ: it changes how far a run goes and what it writes on the way, not the flow it has computed so far.
 FREE = ("solver.end_time", "solver.output_interval", "solver.output_times", "solver.checkpoint_interval")
 MOST_DIFFERENCES = 8
@@ -82,7 +82,7 @@ def _differences(then: Provenance, now: Provenance) -> list[str]:
     if sorted(then.inputs.values()) != sorted(now.inputs.values()):
         names = sorted(set(then.inputs) | set(now.inputs))
         out += [f"{name}: other content" for name in names if then.inputs.get(name) != now.inputs.get(name)]
-    for section in SECTIONS:
+    for section in FLOW_SECTIONS:
         before, after = (_flat(p.scene.get(section), section) for p in (then, now))
         for key in sorted(set(before) | set(after)):
             if key not in FREE and before.get(key) != after.get(key):

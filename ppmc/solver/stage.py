@@ -7,9 +7,7 @@ from ppmc.errors import SceneError
 from ppmc.files import Claim, Provenance, check_output, is_product, one_writer, read_particles
 from ppmc.files.verdict import verdict_of
 from ppmc.scene import Scene
-from ppmc.scene.depends import of_flow
-
-SECTIONS = ("tooling", "material", "solver")
+from ppmc.scene.depends import FLOW_SECTIONS, of_flow
 
 
 @one_writer(lambda given: [Claim(given["output"])])
@@ -66,7 +64,7 @@ def run(
     from ppmc.solver.simulation import Simulation
     from ppmc.solver.spread import check_layers
 
-    for section in SECTIONS:
+    for section in FLOW_SECTIONS:
         scene.require(section)
     if max_walltime is not None and max_walltime <= 0.0:
         raise SceneError(f"the wall-clock limit must be positive, not {max_walltime} s")

@@ -162,6 +162,27 @@ def test_of_two_at_once_one_wins(tmp_path: Path) -> None:
             os.close(end)
 
 
+def test_shares_of_one_volume_work_beside_each_other(tmp_path: Path) -> None:
+    from ppmc.ct.stage import _claims
+
+    output = tmp_path / "o.vtkhdf"
+    first, second, whole = (_claims({"output": output, "part": part}) for part in ((1, 2), (2, 2), None))
+
+    def tried(claims: list[Claim]) -> int:
+        child = os.fork()
+        if child == 0:
+            try:
+                with locked(claims):
+                    os._exit(0)
+            except StorageError:
+                os._exit(5)
+        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+    with locked(first):
+        assert (tried(second), tried(first), tried(whole)) == (0, 5, 5)
+    assert tried(whole) == 0
+
+
 def test_a_lock_that_was_lost_is_noticed(tmp_path: Path) -> None:
     with locked([Claim(tmp_path / "c.vtkhdf")]):
         (tmp_path / ".c.lock").unlink()

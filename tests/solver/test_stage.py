@@ -125,6 +125,46 @@ def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(
             np.testing.assert_array_equal(a.history[name], b.history[name], err_msg=name)
 
 
+def test_another_scene_is_refused_and_a_later_end_goes_on(
+    tmp_path: Path, charge: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    flow, partial = tmp_path / "flow.vtkhdf", tmp_path / "flow.partial"
+    scene = parse_scene(scene_text(end=0.5))
+    step, taken = Simulation._step, []
+
+    def stopping_step(self: Simulation, target: float) -> None:
+        step(self, target)
+        taken.append(self.time)
+        if self.time == 0.25 and len(taken) < 100:
+            os.kill(os.getpid(), signal.SIGHUP)
+
+    monkeypatch.setattr(Simulation, "_step", stopping_step)
+    with pytest.raises(StoppedWithCheckpoint, match=r"SIGHUP at t = 0\.25 s"):
+        run(scene, input=charge, output=flow)
+    monkeypatch.setattr(Simulation, "_step", step)
+    with open_series(partial, "flow") as series:
+        np.testing.assert_allclose(series.times, [0.0, 0.25])
+        reached = series.frame(1)
+    before = {path.name: path.read_bytes() for path in partial.iterdir()}
+    other = parse_scene(scene_text(end=0.5).replace("5.36", "5.5"))
+    told = r"2 frames up to t = 0\.25 s are there, .*material\.shear_viscosity: 5\.36 -> 5\.5; say --restart"
+    with pytest.raises(SceneError, match=told):
+        run(other, input=charge, output=flow)
+    with pytest.raises(SceneError, match=r"solver\.end_time is 0\.2 s; give a later end"):
+        run(parse_scene(scene_text(end=0.2).replace("0.25 s", "0.1 s")), input=charge, output=flow)
+    write_charge(tmp_path / "other.vtkhdf", (5, 4, 6))
+    with pytest.raises(SceneError, match=r"other\.vtkhdf: other content"):
+        run(scene, input=tmp_path / "other.vtkhdf", output=flow)
+    assert {path.name: path.read_bytes() for path in partial.iterdir()} == before
+    run(parse_scene(scene_text(end=0.3).replace("0.25 s", "0.05 s")), input=charge, output=flow)
+    assert "resumed at t = 0.25 s" in capsys.readouterr().out
+    with open_series(flow, "flow") as series:
+        np.testing.assert_allclose(series.times, [0.0, 0.25, 0.3])
+        np.testing.assert_array_equal(series.frame(1)["position"], reached["position"])
+        assert series.provenance.scene["solver"]["end_time"] == 0.3
+    assert not partial.exists()
+
+
 def test_wall_clock_limit_stops_with_a_checkpoint(tmp_path: Path, charge: Path):
     scene = parse_scene(scene_text())
     with pytest.raises(StoppedWithCheckpoint, match="wall-clock limit"):
