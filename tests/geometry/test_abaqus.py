@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import random
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from ppmc.errors import InputFileError
 from ppmc.geometry.abaqus import files_of, material_axes, read_deck, vtk_nodes
@@ -295,3 +299,43 @@ def test_axes_that_cannot_be_worked_out_are_refused(old: str, new: str, message:
     lines = (NODES + BRICK + AXES + ORIENTATION).replace(old, new)
     with pytest.raises(InputFileError, match=message):
         axes(tmp_path, lines)
+
+
+def test_what_is_passed_over_is_told(tmp_path: Path) -> None:
+    rigid = "*PART, NAME=TOOL\n*NODE\n1,0,0,9\n*ELEMENT, TYPE=R3D4\n1, 1, 1, 1, 1\n*END PART\n"
+    idle = "*PART, NAME=SPARE\n" + NODES + BRICK + "*END PART\n"
+    more = "*INSTANCE, NAME=TOOL-1, PART=TOOL\n*END INSTANCE\n"
+    (tmp_path / "a.inp").write_text(rigid + idle + assembly(NODES + BRICK, more=more))
+    deck = read_deck(tmp_path / "a.inp")
+    assert [body.name for body in deck.bodies] == ["P-1"]
+    assert "1 R3D4" in deck.notes[0] and "SPARE" in deck.notes[1]
+
+
+def test_an_independent_instance_holds_its_own_mesh(tmp_path: Path) -> None:
+    text = (
+        "*PART, NAME=P\n*END PART\n*ASSEMBLY, NAME=A\n*INSTANCE, NAME=P-1, PART=P\n0,0,0\n0,0,0, 0,0,1, 90.\n"
+        + NODES + BRICK + AXES + ORIENTATION + "*END INSTANCE\n*END ASSEMBLY\n"
+    )  # fmt: skip
+    assert np.allclose(axes(tmp_path, text), [[-1, 0, 0], [0, -1, 0], [0, 0, 1]], atol=1e-15)
+
+
+@given(st.integers(0, 10**6))
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_damaged_files_are_read_or_refused_and_nothing_else(tmp_path: Path, seed: int) -> None:
+    rng = random.Random(seed)
+    text = assembly(
+        NODES + BRICK + AXES + ORIENTATION, "1.,2.,3.\n0,0,0, 0,0,1, 30.\n", "*ELSET, ELSET=X, INSTANCE=P-1\n7\n"
+    )
+    lines = text.split("\n")
+    for _ in range(rng.randint(1, 3)):
+        k = rng.randrange(len(lines))
+        at = rng.randrange(len(lines[k]) + 1)
+        lines[k] = lines[k][:at] + rng.choice(["", " ", ",", "*", "=", "-", "9", "D", "x", "\0"]) + lines[k][at + 1 :]
+        if rng.random() < 0.3:
+            lines.insert(rng.randrange(len(lines)), lines[rng.randrange(len(lines))])
+        if rng.random() < 0.3:
+            del lines[rng.randrange(len(lines))]
+    with contextlib.suppress(InputFileError):
+        for body in bodies(tmp_path, "\n".join(lines)):
+            elements = list(body.scope.elements.values())
+            material_axes(body, elements, np.zeros((len(elements), 3)))

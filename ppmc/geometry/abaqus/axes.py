@@ -10,6 +10,7 @@ shells the axis that follows this one in the order 1, 2, 3 is projected onto the
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +18,12 @@ from numpy.typing import NDArray
 from ppmc.errors import InputFileError
 from ppmc.geometry.abaqus.deck import Body
 from ppmc.geometry.abaqus.lines import Block, Row, real
-from ppmc.geometry.abaqus.placement import turn
 from ppmc.geometry.abaqus.scope import Element
 
 Array = NDArray[np.float64]
 SYSTEMS = ("RECTANGULAR", "Z RECTANGULAR", "CYLINDRICAL", "SPHERICAL")
 SMALL = 1e-10
+NOWHERE = Row("", (Path(), 0))
 
 
 def material_axes(body: Body, elements: Sequence[Element], centres: Array) -> Array:
@@ -121,7 +122,12 @@ def _axes(body: Body, block: Block, elements: list[Element], centres: Array) -> 
         axes = _round(a, b, centres, spherical=system == "SPHERICAL")
     axes = _checked(axes, block, elements)
     about, angles = _rotation(body, block, elements)
-    axes = np.stack([x @ turn(x[about], angle).T if angle else x for x, angle in zip(axes, angles, strict=True)])
+    second, third = (about + 1) % 3, (about + 2) % 3
+    cos, sin = np.cos(np.radians(angles))[:, None], np.sin(np.radians(angles))[:, None]
+    axes[:, second], axes[:, third] = (
+        cos * axes[:, second] + sin * axes[:, third],
+        cos * axes[:, third] - sin * axes[:, second],
+    )
     return _on_shells(body, axes, about, elements, block)
 
 
@@ -148,11 +154,11 @@ def _defining_points(body: Body, block: Block, elements: list[Element]) -> tuple
                 f"{row.place}: *ORIENTATION takes six or nine numbers (points a, b, c), not '{row.text}'"
             )
         for k, word in enumerate(row.fields[:9]):
-            values[k] = real(word, row.place)
+            values[k] = real(word, row)
         return _abc(np.tile(values, (m, 1)))
     if kind not in ("NODES", "OFFSET TO NODES"):
         raise InputFileError(f"{block.place}, DEFINITION={kind} is not known")
-    numbers = [int(real(word, row.place)) for word in words]
+    numbers = [int(real(word, row)) for word in words]
     if len(numbers) not in (2, 3):
         raise InputFileError(f"{row.place}: DEFINITION={kind} takes two or three nodes (a, b, c), not '{row.text}'")
     out = np.zeros((m, 3, 3))
@@ -174,7 +180,7 @@ def _defining_points(body: Body, block: Block, elements: list[Element]) -> tuple
 
 def _is_name(word: str) -> bool:
     try:
-        real(word, "")
+        real(word, NOWHERE)
     except InputFileError:
         return True
     return False
@@ -194,7 +200,7 @@ def _rotation(body: Body, block: Block, elements: list[Element]) -> tuple[int, A
         if name not in body.scope.blocks["DISTRIBUTION"]:
             raise InputFileError(f"{row.place}: '{words[1]}' is neither an angle nor a *DISTRIBUTION beside it")
         return axis, _distributed(body, body.scope.blocks["DISTRIBUTION"][name], elements, (1,))[:, 0]
-    return axis, np.full(len(elements), real(words[1], row.place))
+    return axis, np.full(len(elements), real(words[1], row))
 
 
 def _distributed(body: Body, block: Block, elements: list[Element], sizes: tuple[int, ...]) -> Array:
@@ -207,7 +213,7 @@ def _distributed(body: Body, block: Block, elements: list[Element], sizes: tuple
     wanted = " or ".join(map(str, sizes))
     for row in block.rows:
         words = row.fields
-        values = [real(word, row.place) for word in (words[1:-1] if words[-1] == "" else words[1:])]
+        values = [real(word, row) for word in (words[1:-1] if words[-1] == "" else words[1:])]
         if len(values) not in sizes or not np.isfinite(values).all():
             raise InputFileError(
                 f"{row.place}: a line of *DISTRIBUTION has a label and {wanted} numbers, not '{row.text}'"

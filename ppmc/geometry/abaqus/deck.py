@@ -88,9 +88,10 @@ def read_deck(path: Path) -> Deck:
         if block.keyword == "STEP":
             break  # what follows changes neither nodes nor elements
         reader.take(block)
-    bodies = [body for body in reader.bodies(path) if body.scope.elements]
+    every = reader.bodies(path)
+    bodies = [body for body in every if body.scope.elements]
     notes = []
-    for body in bodies:
+    for body in every:
         if body.scope.passed_over:
             kinds = ", ".join(f"{count} {kind}" for kind, count in sorted(body.scope.passed_over.items()))
             notes.append(f"{path}: elements that hold no fibres are passed over: {kinds}")
@@ -148,8 +149,8 @@ class _Reader:
             if kind != keyword[4:]:
                 raise InputFileError(f"{block.place}: there is no {keyword[4:].title()} open")
             self.here.pop()
-        elif scope.take(block) and kind == "INSTANCE" and keyword in ("ORIENTATION",):
-            raise InputFileError(f"{block.place}: stands in an instance; put it into the part")
+        else:
+            scope.take(block)
 
     def _open(self, block: Block, kind: str, inside: str) -> None:
         if self.here[-1][0] != inside:
@@ -160,7 +161,7 @@ class _Reader:
         """Return every instance, or the parts and the model where nothing is instanced."""
         if len(self.here) > 1:
             raise InputFileError(f"{path}: ends within a *{self.here[-1][0]}; the file is truncated")
-        bodies = [Body("", "", self.model)] if self.model.elements else []
+        bodies = [Body("", "", self.model)]
         for block, own in self.instances:
             part = self.parts.get(block.required("PART"))
             if part is None:
@@ -172,9 +173,9 @@ class _Reader:
             self.idle = left
         else:
             bodies += [Body("", name, self.parts[name]) for name in left]
+        _hand_down(self.assembly, {body.name: body for body in bodies if body.name})
         if self.assembly.elements:
             bodies.append(Body("", "ASSEMBLY", self.assembly))
-        _hand_down(self.assembly, {body.name: body for body in bodies})
         return bodies
 
 

@@ -194,7 +194,7 @@ def _keyword(row: Row) -> Block:
     return Block(" ".join(words[0].split()).upper() if words else "", options, row.where)
 
 
-def real(word: str, place: str) -> float:
+def real(word: str, row: Row) -> float:
     """Return a number as Fortran writes it: 1.5E3, 1.5D+03 or 1.5+3; nothing is zero.
 
     Raises
@@ -213,10 +213,10 @@ def real(word: str, place: str) -> float:
         return float(f"{found[1]}e{found[2]}" if found else word.upper().replace("D", "E"))
     except ValueError:
         hint = " (a *PARAMETER is not worked out)" if word.startswith("<") else ""
-        raise InputFileError(f"{place}: '{word}' is no number{hint}") from None
+        raise InputFileError(f"{row.place}: '{word}' is no number{hint}") from None
 
 
-def label(word: str, place: str) -> int:
+def label(word: str, row: Row) -> int:
     """Return a node's or element's number.
 
     Raises
@@ -228,10 +228,10 @@ def label(word: str, place: str) -> int:
         number = int(word)
     except ValueError:
         # Some programs write labels as 12.0.
-        value = real(word, place) if word else float("nan")
+        value = real(word, row) if word else float("nan")
         if value != value or value != int(value):
-            raise InputFileError(f"{place}: '{word}' is no number of a node or element") from None
+            raise InputFileError(f"{row.place}: '{word}' is no number of a node or element") from None
         number = int(value)
     if number < 1:
-        raise InputFileError(f"{place}: {number} is no number of a node or element; they count from 1")
+        raise InputFileError(f"{row.place}: {number} is no number of a node or element; they count from 1")
     return number

@@ -47,7 +47,7 @@ def instance_placement(block: Block) -> Placement:
     InputFileError
         If the lines are not three numbers, and seven for a turn.
     """
-    rows = [[real(word, row.place) for word in _without_last(row.fields)] for row in block.rows]
+    rows = [[real(word, row) for word in _without_last(row.fields)] for row in block.rows]
     if len(rows) > 2 or (rows and len(rows[0]) > 3) or (len(rows) == 2 and len(rows[1]) != 7):
         raise InputFileError(
             f"{block.place}: its place must be a line of three numbers (shift) and, for a turn, one of seven (two "
@@ -76,7 +76,7 @@ def system_placement(block: Block) -> Placement:
     InputFileError
         If the points lie on a line or are not whole.
     """
-    values = [real(word, row.place) for row in block.rows for word in _without_last(row.fields)]
+    values = [real(word, row) for row in block.rows for word in _without_last(row.fields)]
     if len(values) > 9 or (len(values) > 3 and len(values) % 3):
         raise InputFileError(
             f"{block.place}: holds {len(values)} numbers; it takes three, six or nine (points a, b, c)"

@@ -118,11 +118,11 @@ class Scope:
                 "coordinates; write the mesh in one of these"
             )
         rows = [row.fields for row in block.rows]
-        numbers = [label(words[0], row.place) for words, row in zip(rows, block.rows, strict=True)]
+        numbers = [label(words[0], row) for words, row in zip(rows, block.rows, strict=True)]
         points = np.zeros((len(rows), 3))
         for k, (words, row) in enumerate(zip(rows, block.rows, strict=True)):
             for axis, word in enumerate(words[1:4]):
-                points[k, axis] = real(word, row.place)
+                points[k, axis] = real(word, row)
         bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
         if len(bad):
             raise InputFileError(
@@ -175,7 +175,7 @@ class Scope:
         for row in block.rows:
             words = [word for word in row.fields if word]
             if "GENERATE" in block.options:
-                numbers = [label(word, row.place) for word in words]
+                numbers = [label(word, row) for word in words]
                 if len(numbers) not in (2, 3) or numbers[1] < numbers[0]:
                     raise InputFileError(
                         f"{row.place}: a line of *ELSET, GENERATE is first, last, step; this one is '{row.text}'"
@@ -235,10 +235,10 @@ def _member(word: str, instance: str | None, row: Row) -> Member:
 
 def _element(words: list[str], type_name: str, shape: Shape, row: Row) -> Element:
     """Return an element from its number and nodes."""
-    number = label(words[0], row.place)
+    number = label(words[0], row)
     if len(words) - 1 > shape.most:
         raise InputFileError(
             f"{row.place}: element {number} has {len(words) - 1} nodes, one of TYPE={type_name} has {shape.most}"
         )
-    nodes = tuple(label(word, row.place) for word in words[1:])
+    nodes = tuple(label(word, row) for word in words[1:])
     return Element(number, type_name, shape, nodes, row.where)
