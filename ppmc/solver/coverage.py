@@ -32,6 +32,9 @@ LET_GO = 0.1  # coverage below which a tool has lost the charge; a plate that a 
 # Way, in spacings, that a tool must close uncovered before the charge counts as lost: the largest displacement that a
 # step may bring by default. A charge that a tool strikes and that bounces off for an instant has not been lost.
 LOST_WAY = 0.25
+# Force, in units of K times a spacing squared, below which a tool has not pressed: round-off of a charge that is pushed
+# along. K is some thousands of times the stress of a squeeze, so that this is a millionth of what a particle bears.
+LEAST_FORCE = 1e-9
 
 
 @dataclass
@@ -40,6 +43,10 @@ class Coverage:
 
     Attributes
     ----------
+    tools : int
+        How many there are.
+    least_force : float
+        Below it a tool has not pressed, Pa mm^2; see :func:`least_force`.
     most : ndarray, shape (tools,)
         Most area that covered each tool, mm^2.
     direction : ndarray, shape (tools, 3)
@@ -53,6 +60,7 @@ class Coverage:
     """
 
     tools: int
+    least_force: float
     most: np.ndarray = field(init=False)
     direction: np.ndarray = field(init=False)
     bearing: np.ndarray = field(init=False)
@@ -86,7 +94,7 @@ class Coverage:
         A tool that has not pressed before presses in the direction of its `force`, shape (tools, 3), Pa mm^2.
         """
         direction = np.where(self.direction.any(axis=1)[:, None], self.direction, _unit(-force))
-        facing = np.einsum("mc,mc->m", touched.normal, direction[touched.tool]) > OPPOSED
+        facing = np.flatnonzero(np.sum(touched.normal * direction[touched.tool], axis=1) > OPPOSED)
         return np.bincount(touched.tool[facing], touched.area[facing], minlength=self.tools)
 
     def add(self, time: float, cover: np.ndarray, force: np.ndarray, closing: np.ndarray, dt: float) -> None:
@@ -107,7 +115,7 @@ class Coverage:
         self.since = np.where(lost & (self.way == 0.0), time, self.since)
         self.way = np.where(lost, self.way + closing * dt, 0.0)
         size = np.linalg.norm(force, axis=1)
-        fuller = (cover >= self.most) & (cover > 0.0) & (size > 0.0)
+        fuller = (cover >= self.most) & (cover > 0.0) & (size > self.least_force)
         self.direction[fuller] = _unit(-force[fuller])
         self.bearing[fuller] = size[fuller] / size.max(initial=1e-300)
         self.most[fuller] = cover[fuller]
@@ -119,6 +127,11 @@ class Coverage:
     def lost(self, spacing: float) -> np.ndarray:
         """Numbers of the tools that have lost the charge, of particles `spacing` mm apart."""
         return np.flatnonzero(self.way > LOST_WAY * spacing)
+
+
+def least_force(bulk_modulus: float, spacing: float) -> float:
+    """Force, Pa mm^2, below which a tool has not pressed on particles `spacing` mm apart, with K in Pa."""
+    return LEAST_FORCE * bulk_modulus * spacing**2
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from ppmc.files.verdict import KEY
 from ppmc.progress import Progress
 from ppmc.solver import verdict
 from ppmc.solver.checkpoint import Checkpoint, remove_checkpoints, save_checkpoint
-from ppmc.solver.coverage import Coverage, touching
+from ppmc.solver.coverage import Coverage, least_force, touching
 from ppmc.solver.explicit import ExplicitIntegrator
 from ppmc.solver.frames import Snapshot, field_names, frame
 from ppmc.solver.history import History, StepMeasures
@@ -93,7 +93,9 @@ class Simulation:
                     )
         self._save()  # a disk too full for the complete file costs no more than room to be made
         history = self.history.by_column()
-        told = verdict.judge(history, self.model.walls.tools.names, self.model.spacing)
+        told = verdict.judge(
+            history, self.model.walls.tools.names, self.model.spacing, self.model.bulk_modulus
+        )  # fmt: skip
         self.writer.seal(self.output, history, self._facts() | {KEY: told.as_facts()})
         remove_checkpoints(self.output)
         return self.output
@@ -107,7 +109,7 @@ class Simulation:
             self.integrator = self._make_integrator()
             self.time, self.step_size = 0.0, np.inf
             self.history = History(names, table)
-            self.coverage = Coverage(len(names))
+            self.coverage = Coverage(len(names), self._least_force)
             self.report = self._guarded(
                 lambda: self.integrator.initialise(0.0, FIRST_STEP_SHARE * self.model.settings.end_time)
             )
@@ -133,8 +135,13 @@ class Simulation:
         self.time, self.step_size = saved.time, saved.time_step
         self.report = StepReport()
         self.history = History(names, table, saved.history)
-        self.coverage, _ = verdict.follow(self.history.by_column(), names)
+        self.coverage, _ = verdict.follow(self.history.by_column(), names, self._least_force)
         print(f"resumed at t = {self.time:.6g} s, step {len(self.history.rows)}")
+
+    @property
+    def _least_force(self) -> float:
+        """Force below which a tool has not pressed, Pa mm^2."""
+        return least_force(self.model.bulk_modulus, self.model.spacing)
 
     def _make_integrator(self) -> ImplicitIntegrator:
         explicit = self.model.settings.integrator == "explicit"

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmc.files.verdict import Finding, Verdict
-from ppmc.solver.coverage import LET_GO, Coverage
+from ppmc.solver.coverage import LET_GO, Coverage, least_force
 from ppmc.solver.model import Place
 
 Columns = Mapping[str, np.ndarray]
@@ -53,7 +53,9 @@ REASONS = {
 LIMITS = Limits()
 
 
-def judge(history: Columns, tools: Sequence[str], spacing: float, limits: Limits = LIMITS) -> Verdict:
+def judge(
+    history: Columns, tools: Sequence[str], spacing: float, bulk_modulus: float, limits: Limits = LIMITS
+) -> Verdict:  # fmt: skip
     """Judge a run.
 
     Parameters
@@ -64,6 +66,8 @@ def judge(history: Columns, tools: Sequence[str], spacing: float, limits: Limits
         Names of the tools, in the order of the scene.
     spacing : float
         Mean distance of particles at the start, mm.
+    bulk_modulus : float
+        K, Pa.
     limits : Limits
 
     Returns
@@ -71,7 +75,7 @@ def judge(history: Columns, tools: Sequence[str], spacing: float, limits: Limits
     Verdict
         A finding for each limit, in the order of :class:`Limits`.
     """
-    h = history
+    h, force = history, least_force(bulk_modulus, spacing)
     deviation = np.abs(h["packing_worst"] - 1.0)
     findings = [
         _worst(h, "mean_volume_error", "mean |J - 1|", h["mean_volume_ratio_error"], limits),
@@ -83,28 +87,29 @@ def judge(history: Columns, tools: Sequence[str], spacing: float, limits: Limits
         _worst(
             h, "penetration", "penetration", h["penetration"] / spacing, limits, at="penetration", unit="spacings"
         ),
-        _covered(h, tools, limits),
-        _driven(h, limits),
-        _zero_energy(h, limits),
+        _covered(h, tools, force, limits),
+        _driven(h, force * spacing, limits),
+        _zero_energy(h, force * spacing, limits),
         _worst(h, "outside", "particles outside", h["outside"], limits, at="outside"),
     ]  # fmt: skip
     return Verdict(tuple(findings))
 
 
-def coverage(history: Columns, tools: Sequence[str]) -> np.ndarray:
+def coverage(history: Columns, tools: Sequence[str], force: float) -> np.ndarray:
     """Share of its most cover that each tool has after each step, shape (steps, tools); NaN where it is not judged.
 
-    A tool counts where it closes on the charge, see :mod:`ppmc.solver.coverage`.
+    A tool counts where it closes on the charge and has borne more than `force`, Pa mm^2; see
+    :mod:`ppmc.solver.coverage`.
     """
-    return follow(history, tools)[1]
+    return follow(history, tools, force)[1]
 
 
-def follow(history: Columns, tools: Sequence[str]) -> tuple[Coverage, np.ndarray]:
+def follow(history: Columns, tools: Sequence[str], force: float) -> tuple[Coverage, np.ndarray]:
     """Return the record of what has covered each tool, after all steps, and :func:`coverage`."""
     n = len(history["time"])
     cover = np.array([history[f"cover_{tool}"] for tool in tools]).reshape(len(tools), n).T
     closing = np.array([history[f"closing_{tool}"] for tool in tools]).reshape(len(tools), n).T
-    record, out = Coverage(len(tools)), np.full((n, len(tools)), np.nan)
+    record, out = Coverage(len(tools), force), np.full((n, len(tools)), np.nan)
     durations = np.diff(history["time"], prepend=0.0)
     for k in range(n):
         record.add(float(history["time"][k]), cover[k], forces(history, tools, k), closing[k], float(durations[k]))
@@ -161,20 +166,26 @@ def _unconverged(h: Columns, limits: Limits) -> Finding:
     return _finding("unconverged", "unconverged solves", float(h["unconverged"].sum()), limits, time=time)
 
 
-def _driven(h: Columns, limits: Limits) -> Finding:
+def _driven(h: Columns, least_work: float, limits: Limits) -> Finding:
     """Return the share of the whole run's strain that tools and inertia drive, and the step that spoilt it most.
 
     The strain of a step goes with the root of what it dissipates; a step's own share says little where next to nothing
     flows, as while tools rest, and its share of the work hides a charge that collapses at no resistance.
     """
-    strain = np.sqrt(np.maximum(h["dissipation"], 0.0)) * np.diff(h["time"], prepend=0.0)
-    return _share(h, "driven_share", "flow driven by tools", strain, limits, least=True)
+    work = _work(h, least_work)
+    durations = np.diff(h["time"], prepend=0.0)
+    return _share(h, "driven_share", "flow driven by tools", np.sqrt(work * durations), limits, least=True)
 
 
-def _zero_energy(h: Columns, limits: Limits) -> Finding:
+def _zero_energy(h: Columns, least_work: float, limits: Limits) -> Finding:
     """Return the share of the whole run's work that zero-energy control took, and the step in which it took most."""
-    work = h["dissipation"] * np.diff(h["time"], prepend=0.0)
-    return _share(h, "zero_energy_share", "work of zero-energy control", work, limits)
+    return _share(h, "zero_energy_share", "work of zero-energy control", _work(h, least_work), limits)
+
+
+def _work(h: Columns, least_work: float) -> np.ndarray:
+    """Work dissipated in each step, shape (steps,), uN mm; none if all of it is not more than round-off."""
+    work = np.maximum(h["dissipation"], 0.0) * np.diff(h["time"], prepend=0.0)
+    return work if float(work.sum()) > least_work else np.zeros_like(work)
 
 
 def _share(
@@ -190,10 +201,10 @@ def _share(
     return _finding(name, told, float(np.sum(weights * h[name])) / total, limits, least=least, time=time)
 
 
-def _covered(h: Columns, tools: Sequence[str], limits: Limits) -> Finding:
+def _covered(h: Columns, tools: Sequence[str], force: float, limits: Limits) -> Finding:
     """Return the least coverage of a tool that closes on the charge."""
     told = "cover kept by a closing tool"
-    shares = coverage(h, tools)
+    shares = coverage(h, tools, force)
     if not np.any(~np.isnan(shares)):
         return _finding("coverage", told, None, limits, least=True)
     step, tool = np.unravel_index(int(np.nanargmin(shares)), shares.shape)

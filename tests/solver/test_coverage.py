@@ -12,7 +12,7 @@ REST = np.zeros(3)
 
 def record(*tools):
     """Record of tools that press in given directions, by forces of given size, each covered by 64 mm^2."""
-    out = Coverage(len(tools))
+    out = Coverage(len(tools), 1e-6)
     force = -np.array([size * np.asarray(direction) for direction, size in tools])
     out.add(0.1, np.full(len(tools), 64.0), force, np.zeros(len(tools)), 0.1)
     return out
@@ -62,7 +62,7 @@ def test_a_ram_that_nothing_opposes_closes():
 
 
 def test_a_tool_that_never_touched_is_not_judged():
-    out = Coverage(2)
+    out = Coverage(2, 1e-6)
     np.testing.assert_array_equal(closing(out, REST, DOWN), [0.0, 0.0])
     assert np.isnan(out.share(np.zeros(2), np.ones(2))).all()
 
@@ -96,5 +96,5 @@ def test_only_faces_that_look_where_a_tool_presses_cover_it():
     normal = np.array([UP, [1.0, 0.0, 0.0], [0.0, 0.6, 0.8], DOWN])
     faces = Touched(np.array([0, 0, 0, 1], dtype=np.int32), normal, np.array([1.0, 2.0, 4.0, 8.0]))
     np.testing.assert_array_equal(tools.cover(faces, np.zeros((2, 3))), [5.0, 8.0])
-    np.testing.assert_array_equal(Coverage(2).cover(faces, np.array([DOWN, UP])), [5.0, 8.0])
-    np.testing.assert_array_equal(Coverage(2).cover(faces, np.zeros((2, 3))), [0.0, 0.0])
+    np.testing.assert_array_equal(Coverage(2, 1e-6).cover(faces, np.array([DOWN, UP])), [5.0, 8.0])
+    np.testing.assert_array_equal(Coverage(2, 1e-6).cover(faces, np.zeros((2, 3))), [0.0, 0.0])

@@ -10,6 +10,7 @@ from ppmc.solver.verdict import LIMITS, REASONS, Limits, coverage, judge
 
 TOOLS = ("lower", "ram")
 STEPS = 4
+BULK = 1e3
 # Column, what it must hold to be exactly at the limit (spacing .5 mm), and towards which side it breaks it.
 COLUMNS = {
     "mean_volume_error": ("mean_volume_ratio_error", LIMITS.mean_volume_error, 1.0),
@@ -38,11 +39,11 @@ def table(tmp_path):
 
 def found(columns, name):
     names = [field.name for field in dataclasses.fields(Limits)]
-    return judge(columns, TOOLS, 0.5).findings[names.index(name)]
+    return judge(columns, TOOLS, 0.5, BULK).findings[names.index(name)]
 
 
 def test_a_run_without_fault_passes(tmp_path):
-    verdict = judge(table(tmp_path), TOOLS, 0.5)
+    verdict = judge(table(tmp_path), TOOLS, 0.5, BULK)
     assert verdict.passed
     assert len(verdict.findings) == len(dataclasses.fields(Limits)) == len(REASONS)
 
@@ -52,9 +53,9 @@ def test_each_limit_is_kept_at_its_bound_and_broken_beyond(tmp_path, name):
     column, at_limit, side = COLUMNS[name]
     columns = table(tmp_path)
     columns[column][2] = at_limit - 1e-9 * side if name == "packing_worst" else at_limit
-    assert judge(columns, TOOLS, 0.5).passed
+    assert judge(columns, TOOLS, 0.5, BULK).passed
     columns[column][2] = at_limit + 0.01 * side
-    verdict = judge(columns, TOOLS, 0.5)
+    verdict = judge(columns, TOOLS, 0.5, BULK)
     assert [finding.name for finding in verdict.broken] == [found(columns, name).name]
     assert verdict.broken[0].time == 0.75
 
@@ -81,7 +82,7 @@ def test_a_place_is_that_of_the_worst_step(tmp_path, column, place, name):
 def test_zero_energy_control_counts_by_the_work_it_takes(tmp_path):
     columns = table(tmp_path)
     columns["dissipation"][3], columns["zero_energy_share"][3] = 1e-3, 1.0
-    assert judge(columns, TOOLS, 0.5).passed
+    assert judge(columns, TOOLS, 0.5, BULK).passed
     columns["zero_energy_share"][:3] = [0.9, 0.7, 0.0]
     control = found(columns, "zero_energy_share")
     assert control.value == pytest.approx(1.6 / 3.0, rel=1e-3)
@@ -103,7 +104,7 @@ def test_a_run_that_dissipates_nothing_has_no_shares(tmp_path):
     columns = table(tmp_path)
     columns["dissipation"][:] = 0.0
     assert found(columns, "driven_share").value is None
-    assert judge(columns, TOOLS, 0.5).passed
+    assert judge(columns, TOOLS, 0.5, BULK).passed
 
 
 def test_steps_without_an_interior_are_passed_over(tmp_path):
@@ -123,13 +124,26 @@ def test_a_closing_tool_must_stay_covered(tmp_path):
     finding = found(columns, "coverage")
     assert (finding.value, finding.tool, finding.time) == (3.0 / 8.0, "ram", 0.75)
     assert (finding.particle, finding.position) == (5, (1.0, 2.0, 3.0))
-    np.testing.assert_allclose(coverage(columns, TOOLS)[:, 1], [1.0, 0.5, 0.375, 1.0])
+    np.testing.assert_allclose(coverage(columns, TOOLS, 1e-3)[:, 1], [1.0, 0.5, 0.375, 1.0])
     columns["closing_ram"][2] = 0.0
-    assert judge(columns, TOOLS, 0.5).passed
+    assert judge(columns, TOOLS, 0.5, BULK).passed
 
 
 def test_a_run_without_tools_has_no_coverage(tmp_path):
     columns = {k: v for k, v in table(tmp_path).items() if "lower" not in k and "ram" not in k}
-    verdict = judge(columns, (), 0.5)
+    verdict = judge(columns, (), 0.5, BULK)
     assert verdict.passed
     assert verdict.findings[7].value is None
+
+
+def test_round_off_neither_presses_nor_works(tmp_path):
+    """A charge that is pushed along without resistance: what its forces and its dissipation look like means nothing."""
+    columns = table(tmp_path)
+    columns["cover_ram"][2:] = 0.0
+    columns["zero_energy_share"][:] = 1.0
+    assert len(judge(columns, TOOLS, 0.5, BULK).broken) == 2
+    columns["dissipation"][:] = [1e-22, -1e-22, 3e-22, 1e-22]
+    columns |= {"force_lower_z": np.full(STEPS, -1e-11), "force_ram_z": np.full(STEPS, 1e-11)}
+    verdict = judge(columns, TOOLS, 0.5, BULK)
+    assert verdict.passed
+    assert [finding.value for finding in verdict.findings[7:10]] == [None, None, None]

@@ -144,7 +144,7 @@ def test_each_limit_has_a_scene_that_breaks_it(tmp_path, capsys, case):
     for finding in verdict.broken:
         assert finding.told() in told and f"! {finding.told()}" in described
     with open_series(flow, "flow") as series:
-        assert judge(series.history, series.extra["tools"], series.extra["spacing"]) == verdict
+        assert judge(series.history, *(series.extra[name] for name in ("tools", "spacing", "bulk_modulus"))) == verdict
 
 
 def test_places_are_where_the_particles_are(tmp_path):
