@@ -368,29 +368,24 @@ def test_a_missing_section_is_named():
     assert "no section charge" in said(bare)
 
 
-def test_a_single_layer_is_refused_and_few_layers_are_told(tmp_path):
-    text = """
-    name: thin
-    charge:
-      domain: {{shape: box, size: [8, 8, 2]}}
-      spacing: [1, 1, {spacing}]
-      orientation: {{kind: uniform, fibre_direction: [1, 0, 0]}}
-    tooling:
-      lower: {{shape: plane, point: [0, 0, 0], normal: [0, 0, 1], wall: {wall}}}
-      ram: {{shape: plane, point: [0, 0, 2], normal: [0, 0, -1], motion: {{velocity: [0, 0, -1]}}}}
-    material: {{model: newtonian, viscosity: 1}}
-    solver: {{end_time: 1}}
-    """
-    path = tmp_path / "thin.yaml"
-    told = {}
-    for spacing, wall in ((2, "slip"), (1, "slip"), (1, "no_slip"), (0.25, "no_slip")):
-        path.write_text(textwrap.dedent(text.format(spacing=spacing, wall=wall)))
-        if spacing == 2:
-            with pytest.raises(SceneError, match=r"charge\.spacing: 2 mm of charge are a single layer.* spacing of 0\.5"):
-                findings(load_scene(path))
-        else:
-            told[spacing, wall] = " ".join(findings(load_scene(path)))
-    assert "2 layers of particles carry no profile" in told[1, "slip"]
-    assert "23 % too small" in told[1, "no_slip"]
-    assert "layers of particles carry" not in told[0.25, "no_slip"] + "resolve"
-    assert "too small" not in told[0.25, "no_slip"]
+@pytest.mark.parametrize(
+    ("spacing", "wall", "told"),
+    [
+        ("[1, 1, 2]", "slip", "2 layers of particles carry no profile"),
+        ("[1, 1, 2]", "no_slip", "its force is up to 23 % too small"),
+        ("[1, 1, 1]", "no_slip", "its force is up to 11 % too small"),
+        ("[1, 1, 1]", "slip", None),
+        ("[1, 1, 0.5]", "no_slip", None),
+    ],
+)
+def test_few_layers_are_told(spacing, wall, told):
+    text = BLOCK.replace("spacing: 1 mm", f"spacing: {spacing}").replace("travel: 2}}", f"travel: 2}}, wall: {wall}}}")
+    lines = [line for line in findings(parse_scene(text)) if "do not resolve" in line or "no profile" in line]
+    assert len(lines) == (told is not None)
+    assert told is None or told in lines[0]
+
+
+@pytest.mark.parametrize("spacing", ["[1, 1, 4]", "[1, 10, 1]"])
+def test_a_single_layer_is_refused(spacing):
+    with pytest.raises(SceneError, match=r"charge\.spacing: .* mm of charge are a single layer .* spacing of [12.5]+ mm"):
+        findings(parse_scene(BLOCK.replace("spacing: 1 mm", f"spacing: {spacing}")))
