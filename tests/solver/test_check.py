@@ -366,3 +366,26 @@ def test_a_missing_section_is_named():
         findings(parse_scene(BLOCK.replace(f"material: {MATERIAL}", "")))
     bare = parse_scene(BLOCK[: BLOCK.index("charge:")] + BLOCK[BLOCK.index("tooling:") :])
     assert "no section charge" in said(bare)
+
+
+@pytest.mark.parametrize(
+    ("spacing", "wall", "told"),
+    [
+        ("[1, 1, 2]", "slip", "2 layers of particles carry no profile"),
+        ("[1, 1, 2]", "no_slip", "its force is up to 23 % too small"),
+        ("[1, 1, 1]", "no_slip", "its force is up to 11 % too small"),
+        ("[1, 1, 1]", "slip", None),
+        ("[1, 1, 0.5]", "no_slip", None),
+    ],
+)
+def test_few_layers_are_told(spacing, wall, told):
+    text = BLOCK.replace("spacing: 1 mm", f"spacing: {spacing}").replace("travel: 2}}", f"travel: 2}}, wall: {wall}}}")
+    lines = [line for line in findings(parse_scene(text)) if "do not resolve" in line or "no profile" in line]
+    assert len(lines) == (told is not None)
+    assert told is None or told in lines[0]
+
+
+@pytest.mark.parametrize("spacing", ["[1, 1, 4]", "[1, 10, 1]"])
+def test_a_single_layer_is_refused(spacing):
+    with pytest.raises(SceneError, match=r"charge\.spacing: .* mm of charge are a single layer .* spacing of [12.5]+ mm"):
+        findings(parse_scene(BLOCK.replace("spacing: 1 mm", f"spacing: {spacing}")))

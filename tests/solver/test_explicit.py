@@ -8,9 +8,10 @@ import pytest
 
 from ppmc.geometry.toolset import compile_tools
 from ppmc.scene.tooling import PlaneTool
-from ppmc.solver.explicit import ExplicitIntegrator, NearTools, _drag, _opposing_force
+from ppmc.solver.explicit import ExplicitIntegrator, _opposing_force
 from ppmc.solver.time_step import fit_to_times
 from ppmc.solver.tool_loads import wall_drag
+from ppmc.solver.wall_layer import brake
 
 from .blocks import lattice, make_operator, unit_vectors
 from .scenes import make_squeeze, squeeze
@@ -111,13 +112,16 @@ def test_drag_of_a_navier_wall_is_that_of_the_implicit_step():
     implicit.initialise(0.0, 1e-3)
     state.wall_layers[:] = 0
     blocks = wall_drag(implicit.model, state, contacts, implicit.operator(0.0, 0.0, 1e-3))
-    velocities = velocities[contacts.rows]
-    expected = np.einsum("nkab,nkb->nka", blocks, velocities[:, None] - contacts.wall_velocity)
-    shear = np.full(len(contacts.rows), implicit.model.material.shear)
-    areas, none = contacts.areas(state.volume[contacts.rows]), np.zeros((len(contacts.rows), 3))
-    near = NearTools(contacts, walls.friction(contacts, shear), areas, none, contacts.active, none)
-    found = _drag(near, velocities)
-    np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+    velocities, short = velocities[contacts.rows], np.full(len(contacts.rows), 1e-9)
+    expected = -np.einsum("nkab,nkb->nka", blocks, velocities[:, None] - contacts.wall_velocity)
+    slowed = velocities.copy()
+    found = brake(blocks, contacts.active, contacts.wall_velocity, short, slowed)
+    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_allclose(slowed - velocities, 1e-9 * found.sum(axis=1), atol=1e-15)
+    # A wall's drag in a long step takes the particle along; explicitly, it would throw it back.
+    brake(blocks, contacts.active, contacts.wall_velocity, 1e9 * short, slowed)
+    moved = np.einsum("nkab,nkb->nka", blocks, slowed[:, None] - contacts.wall_velocity)
+    assert np.abs(moved).max() < 0.5 * np.abs(expected).max()
 
 
 def short_run(threads: int, resumed: bool = False) -> ExplicitIntegrator:
