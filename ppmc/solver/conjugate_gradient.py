@@ -32,6 +32,7 @@ class Solution:
     estimated_error : float
         Estimated relative error of the velocities.
     converged : bool
+        Whether both estimates, of velocities and of power, are within their tolerances.
     """
 
     velocities: np.ndarray
@@ -99,17 +100,17 @@ def conjugate_gradient(
     gains: list[float] = []
     gain = 0.0
     least = len(v) * negligible**2
-    estimate, done = np.inf, 0
+    estimate, done, met = np.inf, 0, False
     while done < max_iterations:
         if not np.isfinite(rz):
             raise NumericalError("the velocity solve met values that are not finite; see the dump for the particles")
         if rz <= 1e-28 * max(first_rz, 1e-300):
-            estimate = 0.0
+            estimate, met = 0.0, True
             break
         ap = apply(p)
         curvature = dot(p, ap)
         if curvature <= 0.0:  # a rigid mode without load, or round-off
-            estimate = 0.0
+            estimate, met = 0.0, True
             break
         alpha = rz / curvature
         add_multiple(v, alpha, p)
@@ -133,9 +134,10 @@ def conjugate_gradient(
             gains.append(gain / max(power, 1e-300))
             gain = 0.0
             settled = size < least or _series_remainder(gains) < power_tolerance
-            if (estimate < tolerance and settled) or (watch is not None and watch(v)):
+            met = bool(estimate < tolerance and settled)
+            if met or (watch is not None and watch(v)):
                 break
-    return Solution(v, residual, done, float(estimate), bool(estimate < tolerance))
+    return Solution(v, residual, done, float(estimate), met)
 
 
 def _series_remainder(changes: list[float]) -> float:

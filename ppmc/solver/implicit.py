@@ -140,13 +140,13 @@ class ImplicitIntegrator:
             change = state.smooth_gradient - told
             found, here = self._flattening(state.smooth_gradient), self._flattening(change)
             # The noise of single rates is left out: what changes them all is what moves the tools.
-            squares, nothing = float(found @ found), len(found) * (self._negligible(time, time_step) / spacing) ** 2
-            if abs(float(here @ found)) <= SETTLED * squares or squares <= nothing:
+            squares, nothing = _inner(found, found), len(found) * (self._negligible(time, time_step) / spacing) ** 2
+            if abs(_inner(here, found)) <= SETTLED * squares or squares <= nothing:
                 return report
             if last is not None:
                 before = self._flattening(last)
                 answer = here - before
-                share *= -float(before @ answer) / max(float(answer @ answer), 1e-300)
+                share *= -_inner(before, answer) / max(_inner(answer, answer), 1e-300)
                 share = float(np.clip(share, LEAST_SHARE, 1.0))
             last = change
             state.smooth_gradient = told + share * change
@@ -345,6 +345,11 @@ class ImplicitIntegrator:
         found = self.packing(pairs, time)
         self.packed = packing_inside(state, pairs, found, model.smoothing_length)
         correct_volume(state, pairs, found, strain, model.settings.volume_correction, model.smoothing_length)
+
+
+def _inner(a: np.ndarray, b: np.ndarray) -> float:
+    """Inner product of (m,) by (m,): einsum, so that no thread count changes a bit."""
+    return float(np.einsum("m,m->", a, b))
 
 
 def strain_rate(gradient: np.ndarray) -> np.ndarray:
