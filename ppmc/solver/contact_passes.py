@@ -20,6 +20,9 @@ from ppmc.solver.tool_loads import held_by_air, held_pressure, wall_drag
 RELEASE = 1e-3  # pull, in mean pressing reactions, that releases a contact
 NEGLIGIBLE, DEEPEST = 1e-3, 0.01  # penetration in spacings: not worth a pass; worth one beyond those allowed
 SPARE_PASSES = 2  # of such passes
+# Reactions that are noise: in parts of the forces that a solve leaves over, which are less than a tenth of the
+# reactions when a rough pass of a squeeze ends, and of stiffness times speed.
+LEFT_OVER, ROUNDING = 3.0, 1e-8
 ROUGH = 10.0  # factor on tolerances while it is open which faces touch
 ROUGH_WINDOW, WINDOW = 4, 8  # iterations between estimates of the error
 
@@ -87,7 +90,8 @@ def solve_with_contacts(
         report.passes += 1
         report.estimated_error = solution.estimated_error
         report.unconverged += not solution.converged
-        added, released, deepest = _changes(model, state, contacts, operator, solution, time_step, attempt < last)
+        may_release = attempt < last and _reactions_tell(system, solution, stiffness)
+        added, released, deepest = _changes(model, state, contacts, operator, solution, time_step, may_release)
         settled = not (added.any() or released.any())
         enough = attempt >= last and (attempt >= last + SPARE_PASSES or deepest < DEEPEST * model.spacing)
         if enough or (settled and rough == 1.0):
@@ -111,6 +115,19 @@ def _changes(
     if may_release:
         released = pulled_off(model, state, contacts, operator.pairs, pressing)
     return added, released, float(depth.max(initial=0.0))
+
+
+def _reactions_tell(system: VelocitySystem, solution: Solution, stiffness: float) -> bool:
+    """Whether reactions are more than noise. They are not where tools only take a charge along, and strain nothing.
+
+    No reaction is better known than the forces that a solve leaves over where tools do not hold, nor than round-off.
+    """
+    if len(system.rows) == 0:
+        return False
+    left = system.project(solution.residual)[system.rows]
+    reactions, speed = solution.residual[system.rows] - left, np.sqrt(np.mean(solution.velocities**2))
+    least = max(LEFT_OVER * np.sqrt(np.mean(left**2)), ROUNDING * stiffness * speed)
+    return bool(np.sqrt(np.mean(reactions**2)) > least)
 
 
 def pulled_off(
