@@ -54,7 +54,7 @@ IMAGES = 15  # of a neighbour near four walls: itself, and those behind each, ea
 SAMPLED = 0.92
 INTERIOR = 0.93  # packing above which a particle lies inside the material anyhow
 # At a plane surface a lattice reads 0.73 with a fall of 0.28 in its first row and 0.98 with 0.03 in its second; cut
-# across a body diagonal, 0.63 with 0.36 and 0.85 with 0.155, where the fall has to tell that the second is covered.
+# across a body diagonal, 0.63 with 0.36 and 0.85 with 0.15, where the fall has to tell that the second is covered.
 EXPOSED_PACKING, EXPOSED_FALL = 0.87, 0.2  # below and above which a particle is exposed
 MOST_EXPOSED = 0.05  # weighted share of exposed neighbours with which a particle still counts as inside
 
