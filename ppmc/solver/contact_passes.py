@@ -24,6 +24,8 @@ RELEASE = 1e-3  # pull, in mean pressing reactions, that releases a contact
 DOUBT = 2.0
 NEGLIGIBLE, DEEPEST = 1e-3, 0.01  # penetration in spacings: not worth a pass; worth one beyond those allowed
 SPARE_PASSES = 2  # of such passes
+# Reactions that are round-off, in parts of stiffness times speed: all there is where tools only take a charge along.
+ROUNDING = 1e-8
 ROUGH = 10.0  # factor on tolerances while it is open which faces touch
 ROUGH_WINDOW, WINDOW = 4, 8  # iterations between estimates of the error
 
@@ -91,7 +93,9 @@ def solve_with_contacts(
         report.passes += 1
         report.estimated_error = solution.estimated_error
         report.unconverged += not solution.converged
-        added, released, deepest = _changes(model, state, contacts, system, solution, time_step, attempt < last)
+        added, released, deepest = _changes(
+            model, state, contacts, system, solution, time_step, attempt < last, ROUNDING * stiffness
+        )
         settled = not (added.any() or released.any())
         enough = attempt >= last and (attempt >= last + SPARE_PASSES or deepest < DEEPEST * model.spacing)
         if enough or (settled and rough == 1.0):
@@ -105,9 +109,12 @@ def solve_with_contacts(
 
 def _changes(
     model: Model, state: ParticleState, contacts: Contacts, system: VelocitySystem, solution: Solution,
-    time_step: float, may_release: bool,
+    time_step: float, may_release: bool, rounding: float,
 ) -> tuple[np.ndarray, np.ndarray, float]:  # fmt: skip
-    """Faces to add and to release, both (m, 3), and the deepest penetration, mm."""
+    """Faces to add and to release, both (m, 3), and the deepest penetration, mm.
+
+    `rounding`, Pa s mm, is the force that round-off may make, for a speed.
+    """
     pressing, _ = contacts.reactions(-solution.residual[contacts.rows])
     depth = contacts.violations(solution.velocities[contacts.rows], time_step)
     added, released = depth > NEGLIGIBLE * model.spacing, np.zeros_like(contacts.active)
@@ -115,6 +122,7 @@ def _changes(
     if may_release:
         pairs, h = system.operator.pairs, model.smoothing_length
         doubt = DOUBT * force_error(system.project(solution.residual), contacts.rows, pairs, h)
+        doubt = np.maximum(doubt, rounding * float(np.sqrt(np.mean(solution.velocities**2))))
         released = pulled_off(model, state, contacts, pairs, pressing, doubt[:, None])
     return added, released, float(depth.max(initial=0.0))
 
