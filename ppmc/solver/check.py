@@ -40,7 +40,7 @@ MOST_REYNOLDS = 0.01  # J, section III.B
 UNSCALED_DENSITY = 1.6e-3  # g/mm^3; J10 counts powers of ten from 1.6
 FEW_SPACINGS = 3.0
 # What a no-slip squeeze of a Newtonian disk lacks in force with so many layers (docs/theory.md), in per cent.
-STICKING_ERROR = {2: 23, 3: 17, 4: 11, 5: 8}
+STICKING_ERROR = {2: 23, 3: 17, 4: 11}
 
 
 def findings(scene: Scene) -> list[str]:

@@ -387,5 +387,5 @@ def test_few_layers_are_told(spacing, wall, told):
 
 @pytest.mark.parametrize("spacing", ["[1, 1, 4]", "[1, 10, 1]"])
 def test_a_single_layer_is_refused(spacing):
-    with pytest.raises(SceneError, match=r"charge\.spacing: .* mm of charge are a single layer .* spacing of [12.5]+ mm"):
+    with pytest.raises(SceneError, match=r"charge\.spacing: .* mm of charge are a single layer .* of [12.5]+ mm"):
         findings(parse_scene(BLOCK.replace("spacing: 1 mm", f"spacing: {spacing}")))
