@@ -19,9 +19,9 @@ from ppmc.solver.system import VelocitySystem
 from ppmc.solver.tool_loads import held_by_air, held_pressure, wall_drag
 
 RELEASE = 1e-3  # pull, in mean pressing reactions, that releases a contact
-# Residual around a face that a mean pull must exceed. Errors of mean reactions are mostly below; with twice as much, a
-# tool that stops would hold what its charge gives back.
-DOUBT = 1.0
+# Error of the mean reaction around a face, in parts of the residual around it, that a pull must exceed: the most seen
+# among some hundred faces.
+DOUBT = 2.0
 NEGLIGIBLE, DEEPEST = 1e-3, 0.01  # penetration in spacings: not worth a pass; worth one beyond those allowed
 SPARE_PASSES = 2  # of such passes
 ROUGH = 10.0  # factor on tolerances while it is open which faces touch
