@@ -51,5 +51,5 @@ def test_residual_bounds_the_error_of_reactions(ratio, monkeypatch):
     assert len(exact) == 2 * shape[0] * shape[1]
     for around, error in seen[1:]:
         off = np.abs(around - exact)
-        assert np.mean(off < contact_passes.DOUBT * error) > 0.98
+        assert np.mean(off < 2.0 * error) > 0.98
         assert np.sqrt(np.mean(off**2)) > 0.1 * np.sqrt(np.mean(error**2))  # it says not much more than is true
