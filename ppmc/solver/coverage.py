@@ -93,8 +93,10 @@ class Coverage:
 
         A tool that has not pressed before presses in the direction of its `force`, shape (tools, 3), Pa mm^2.
         """
-        direction = np.where(self.direction.any(axis=1)[:, None], self.direction, _unit(-force))
-        facing = np.flatnonzero(np.sum(touched.normal * direction[touched.tool], axis=1) > OPPOSED)
+        pressed = np.linalg.norm(self.direction, axis=1) > 0.0
+        direction = np.where(pressed[:, None], self.direction, _unit(-force))
+        along = np.einsum("mc,mc->m", touched.normal, direction[touched.tool])
+        facing = np.flatnonzero(along > OPPOSED)
         return np.bincount(touched.tool[facing], touched.area[facing], minlength=self.tools)
 
     def add(self, time: float, cover: np.ndarray, force: np.ndarray, closing: np.ndarray, dt: float) -> None:
@@ -149,6 +151,6 @@ def touching(state: ParticleState, directions: np.ndarray) -> np.ndarray:
     rows, faces = np.nonzero(state.contact_tool >= 0)
     tools = state.contact_tool[rows, faces]
     along = np.einsum("mc,mc->m", state.contact_normal[rows, faces].astype(np.float64), directions[tools])
-    counts = (along > OPPOSED) | ~directions[tools].any(axis=1)
+    counts = (along > OPPOSED) | (np.linalg.norm(directions[tools], axis=1) == 0.0)
     out[tools[counts], state.original[rows[counts]]] = True
     return out
