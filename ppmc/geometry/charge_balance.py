@@ -173,7 +173,9 @@ def _travel_to_spare(
 def _told_overlap(overlap: Overlap, time: float) -> str:
     """Return what to say of tools that overlap."""
     where = ", ".join(f"{v:.4g}" for v in overlap.point)
-    fix = "shorten `travel`, the table or `solver.end_time`" if overlap.closing else "make one of them smaller or move it"
+    fix = (
+        "shorten `travel`, the table or `solver.end_time`" if overlap.closing else "make one of them smaller or move it"
+    )
     if not overlap.apart:
         fix = "fine if the one is set into the other"
     return (

@@ -22,8 +22,8 @@ UNSEEN, TAKEN, CLOSED = range(3)
 
 PUSHES = 48
 # Normals with less than this between them belong to walls that face each other; if their sum is longer than the next
-# number (they open by 3 degrees and more), the point slides out along it, so many radii at a time.
-FACING, OPENING, SLIDE = -0.5, 0.05, 0.25
+# number (they open by 9 degrees and more), the point slides out along it, so many radii at a time.
+FACING, OPENING, SLIDE = -0.5, 0.15, 0.25
 # A point that has moved less than this, in radii of the ball, after so many pushes, goes to and fro in a clearance.
 STUCK, PUSHES_WATCHED = 0.05, 6
 # Where walls meet, a ball counts as in place that is so much too large; it comes nearer by a part of the rest a push.

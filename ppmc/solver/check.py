@@ -10,31 +10,31 @@ import numpy as np
 from ppmc.errors import SceneError
 from ppmc.geometry.tool_checks import SAMPLES_ALONG, check_tools_apart, idle_tools
 from ppmc.geometry.toolset import ToolSet, compile_tools
+from ppmc.scene.charge import UniformOrientation
 from ppmc.scene.materials.relations import axial_viscosity
 from ppmc.solver.estimates import (
+    FULL,
     Charge,
     NarrowPlace,
     Plan,
     describe_charge,
     explicit_steps,
-    implicit_steps,
+    implicit_work,
     make_plan,
     narrow_places,
 )
 from ppmc.solver.homogeneous import Squeeze, homogeneous_squeeze
+from ppmc.solver.machine_speed import relative_speed
 from ppmc.solver.spread import ENOUGH_LAYERS
 
 if TYPE_CHECKING:
     from ppmc.scene import Scene
 
 # Measured (docs/benchmarks/solver.md): most bytes a particle held at once, particle-steps a core-second of an explicit
-# step and of one operator product, and products in an implicit step.
+# step and of one iteration of the implicit solve, all else of a step included.
 BYTES_PER_PARTICLE = {"explicit": 1900, "implicit": 2400}
 EXPLICIT_STEPS_PER_SECOND = 0.45e6
-PRODUCTS_PER_SECOND = 1.43e6
-PRODUCTS_PER_STEP = (60, 200)
-# Steps of charges with mixed platelets and of fills over those of an even squeeze of the same closure.
-UNEVEN = 20.0
+ITERATIONS_PER_SECOND = 0.66e6
 LEAST_BULK_RATIO = 33.0  # K over eta11 x rate for 1 % of volume error (docs/theory.md, from A5)
 MOST_REYNOLDS = 0.01  # J, section III.B
 UNSCALED_DENSITY = 1.6e-3  # g/mm^3; J10 counts powers of ten from 1.6
@@ -59,14 +59,17 @@ def findings(scene: Scene) -> list[str]:
         return ["no section charge: stiffness, steps and cost depend on the charge's size and are not known"]
     charge = describe_charge(scene.charge, scene, tools)
     check_tools_apart(tools, charge.low, charge.high, settings.end_time)
-    closing, fixed = narrow_places(tools, charge, settings.end_time)
+    closing, fixed, share = narrow_places(tools, charge, settings.end_time)
     plan = make_plan(settings, material, tools, charge, closing)
     exact = homogeneous_squeeze(scene, tools)
     few = _few_layers(plan, charge, tools)
     lines = [_closure(plan), *few, _stiffness(plan, material)]
     if plan.density > 0.0:
         lines.append(_inertia(plan, material))
-    lines += _cost(settings, material, plan, charge, exact)
+    unlike = material.ratio > 1.0 and not isinstance(scene.charge.orientation, UniformOrientation)
+    # What closes evenly, as between plates and side walls, meets no mouth.
+    fills = (share or 0.0) > FULL and not (exact is not None and exact.even)
+    lines += _cost(settings, material, plan, charge, unlike, fills)
     if fixed is not None:
         lines.append(_narrow(fixed, charge))
     axes = [np.linspace(a, b, SAMPLES_ALONG) for a, b in zip(charge.low, charge.high, strict=True)]
@@ -139,31 +142,34 @@ def _inertia(plan: Plan, material: Any) -> str:
     return told
 
 
-def _cost(settings: Any, material: Any, plan: Plan, charge: Charge, exact: Squeeze | None) -> list[str]:
+def _cost(settings: Any, material: Any, plan: Plan, charge: Charge, unlike: bool, fills: bool) -> list[str]:
     """Return steps, memory and a rough CPU time."""
-    lines = []
     if settings.integrator == "explicit":
         viscous, acoustic, used = explicit_steps(
             material, settings.zero_energy, plan, float(np.cbrt(np.prod(charge.spacing)))
         )
         steps = math.ceil(settings.end_time / used)
-        lines.append(
+        told = (
             f"explicit: stable steps {viscous:.3g} s (viscous), {acoustic:.3g} s (acoustic, Courant), "
             f"together {used:.3g} s: about {steps:,} steps"
         )
-        hours = [steps * charge.count / EXPLICIT_STEPS_PER_SECOND / 3600.0]
+        work = steps * charge.count / EXPLICIT_STEPS_PER_SECOND
     else:
-        steps = implicit_steps(settings, plan)
-        most = steps if exact is not None and exact.even else round(steps * UNEVEN)
-        uneven = "" if most == steps else f"; up to {most:,} where neighbours move apart (mixed platelets, fills)"
-        lines.append(f"implicit: about {steps:,} steps if the flow is even{uneven}")
-        hours = [
-            count * products * charge.count / PRODUCTS_PER_SECOND / 3600.0
-            for count, products in zip((steps, most), PRODUCTS_PER_STEP, strict=True)
-        ]
+        steps, iterations = implicit_work(settings, material, plan, charge, unlike, fills)
+        told = f"implicit: about {_two_digits(steps):,} steps, {_two_digits(iterations):,} iterations"
+        work = iterations * charge.count / ITERATIONS_PER_SECOND
+    speed = relative_speed()
     memory = charge.count * BYTES_PER_PARTICLE[settings.integrator] / 2**20
-    spent = " to ".join(_duration(h) for h in hours)
-    return [*lines, f"about {memory:,.0f} MiB beside the program, and roughly {spent} on one core"]
+    return [
+        f"{told}; roughly {_duration(work / speed / 3600.0)} on one core (within a factor of 3; this one is measured "
+        f"to be {speed:.2g} times as fast as that of the benchmarks)",
+        f"about {memory:,.0f} MiB beside the program",
+    ]
+
+
+def _two_digits(count: int) -> int:
+    """Return a count rounded to the digits that an estimate has."""
+    return int(float(f"{count:.2g}"))
 
 
 def _narrow(place: NarrowPlace, charge: Charge) -> str:
@@ -177,7 +183,7 @@ def _duration(hours: float) -> str:
     """Return a time in words."""
     if hours < 1 / 60:
         return f"{3600.0 * hours:.2g} s"
-    return f"{60.0 * hours:.2g} min" if hours < 1.0 else f"{hours:.3g} h"
+    return f"{60.0 * hours:.2g} min" if hours < 1.0 else f"{hours:.2g} h"
 
 
 def _exact(exact: Squeeze) -> list[str]:

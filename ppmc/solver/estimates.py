@@ -30,6 +30,14 @@ STRAIN_PER_CLOSURE = 1.3
 # The largest eigenvalue of viscous operator over mass is 4 hypot(SHEAR eta23 + AXIAL eta11, BOND x the zero-energy
 # control's stiffness along bonds) / (rho h^2) within 15 %, measured on lattices of R = 1 to 61,215.
 SHEAR_SHARE, AXIAL_SHARE, BOND_SHARE = 0.37, 0.26, 0.23
+# An even flow takes steps by its closure alone. Unlike platelets part from one another, the more the stiffer; a charge
+# that fills a closed cavity speeds up as room runs out and turns through its mouths; a formed sheet is pressed place by
+# place. Iterations of a step alike. Fitted to whole runs, which they meet within a factor of two
+# (docs/benchmarks/solver.md, "What a run takes").
+UNLIKE_POWER = 0.2  # of the anisotropy ratio
+FILLING, FULL = 2.0, 0.95  # factor, and share of the cavity from which a charge fills it
+SHEET = 6.0
+ITERATIONS_EVEN, ITERATIONS_UNLIKE, ITERATIONS_SHEET = 50.0, 115.0, 300.0
 SAMPLES = 25
 OPPOSED = -0.9  # cosine between the normals of tools that face each other
 
@@ -170,24 +178,55 @@ def implicit_steps(settings: Any, plan: Plan) -> int:
     return max(len(outputs), math.ceil(strain / per_step), math.ceil(settings.end_time / longest))
 
 
-def narrow_places(tools: ToolSet, charge: Charge, end: float) -> tuple[NarrowPlace | None, NarrowPlace | None]:
+def implicit_work(
+    settings: Any, material: Any, plan: Plan, charge: Charge, unlike: bool, fills: bool
+) -> tuple[int, int]:
+    """Return about how many implicit steps, and iterations in all, a run takes.
+
+    Parameters
+    ----------
+    settings, material : sections `solver` and `material` of the scene
+    plan : Plan
+    charge : Charge
+    unlike : bool
+        Whether neighbours have fibres of different directions.
+    fills : bool
+        Whether the charge fills a closed cavity and does more than close evenly.
+    """
+    even = implicit_steps(settings, plan)
+    factor, iterations = 1.0, ITERATIONS_EVEN
+    if unlike:
+        factor, iterations = max(material.ratio, 1.0) ** UNLIKE_POWER, ITERATIONS_UNLIKE
+    if fills:
+        factor *= FILLING
+    if charge.sheet is not None:
+        factor, iterations = factor * SHEET, ITERATIONS_SHEET
+    steps = round(even * factor)
+    return steps, round(steps * iterations)
+
+
+def narrow_places(
+    tools: ToolSet, charge: Charge, end: float
+) -> tuple[NarrowPlace | None, NarrowPlace | None, float | None]:
     """Return the narrowest places at the end: between tools that move against each other, and between those at rest.
 
-    Each is None where there is none, or no space is left free. Widths are met to about 1/25 of the cavity.
+    Each is None where there is none, or no space is left free. Widths are met to about 1/25 of the cavity. The third
+    is the share of the closed cavity that the charge takes, None where it is open.
     """
     at = [np.linspace(a, b, 9) for a, b in zip(charge.low, charge.high, strict=True)]
     seeds = np.stack(np.meshgrid(*at, indexing="ij"), axis=-1).reshape(-1, 3)
     try:
-        cavity = cavity_volume(tools, seeds, end, spacing=float(np.max(charge.high - charge.low)) / SAMPLES)
+        cavity = cavity_volume(tools, seeds, end, spacing=float(np.cbrt(np.prod(charge.spacing))))
     except SceneError:
-        return None, None
+        return None, None, None
+    share = charge.count * float(np.prod(charge.spacing)) / cavity.volume if cavity.closed else None
     low, high = cavity.bounds if cavity.closed else (charge.low, charge.high)
     at = [np.linspace(a, b, SAMPLES) for a, b in zip(low, high, strict=True)]
     points = np.stack(np.meshgrid(*at, indexing="ij"), axis=-1).reshape(-1, 3)
     phi, normals = tools.distances(points, end)
     free = np.flatnonzero(phi.min(axis=0) > 0.0)
     if len(free) == 0:
-        return None, None
+        return None, None, share
     phi, normals = phi[:, free], normals[:, free]
     nearest, k = np.argmin(phi, axis=0), np.arange(len(free))
     opposed = np.einsum("tnc,nc->tn", normals, normals[nearest, k]) < OPPOSED
@@ -200,4 +239,4 @@ def narrow_places(tools: ToolSet, charge: Charge, end: float) -> tuple[NarrowPla
         names = tools.names[int(nearest[where])], tools.names[int(tool)]
         least = float(width[tool, where])
         found.append(NarrowPlace(*names, least) if math.isfinite(least) else None)
-    return found[0], found[1]
+    return found[0], found[1], share

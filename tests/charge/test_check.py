@@ -30,7 +30,7 @@ def said(text: str) -> str:
 
 def test_particles_and_balance_of_a_block():
     assert "800 particles in 4 layers, spacing 1 x 1 x 1 mm, 800 mm^3" in said(BLOCK)
-    assert "takes 100.00% of the closed cavity of 800 mm^3" in said(BLOCK)
+    assert "takes 100.00% of the closed cavity of 800" in said(BLOCK)
     assert "50.00% of the closed cavity" in said(BLOCK.replace("end_time: 2", "end_time: 1e-9"))
     assert said(BLOCK.replace("end_time: 2", "end_time: 1e-9")).endswith("a short shot")
     assert "too much" in said(BLOCK.replace("travel: 2", "travel: 2.2").replace("end_time: 2", "end_time: 2.2"))

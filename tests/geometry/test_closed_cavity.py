@@ -24,7 +24,9 @@ DIE = solid_of_boxes(
     [((-5, 21), (-5, 17), (-8, 8))], [((0, 16), (0, 12), (0, 8)), ((6, 8.5), (0, 12), (-4, 0))]
 )  # fmt: skip
 VOLUME = 16 * 12 * 2 + 2.5 * 12 * 4
-SEEDS = np.stack(np.meshgrid(np.arange(4.5, 12), np.arange(3.5, 9), np.arange(0.5, 6), indexing="ij"), -1).reshape(-1, 3)
+SEEDS = np.stack(np.meshgrid(np.arange(4.5, 12), np.arange(3.5, 9), np.arange(0.5, 6), indexing="ij"), -1).reshape(
+    -1, 3
+)
 
 
 def punch(clearance: float, *, above: float = 2.0) -> Any:
@@ -37,7 +39,9 @@ def mesh(file: str, **keys: Any) -> dict[str, Any]:
 
 @pytest.mark.parametrize("clearance", [0.0, 0.05, 0.3, 0.9])
 @pytest.mark.parametrize("oblique", [False, True])
-def test_clearances_below_a_spacing_are_closed(make_tools: Make, tmp_path: Path, clearance: float, oblique: bool) -> None:
+def test_clearances_below_a_spacing_are_closed(
+    make_tools: Make, tmp_path: Path, clearance: float, oblique: bool
+) -> None:
     turn = rotation_matrix(Rotation.model_validate(OBLIQUE)) if oblique else np.eye(3)
     tools = make_tools(
         {
@@ -99,9 +103,12 @@ def test_mixed_tools_and_three_of_them(make_tools: Make, tmp_path: Path) -> None
 
 def test_of_two_pockets_the_reachable_one(make_tools: Make, tmp_path: Path) -> None:
     die = solid_of_boxes([((-4, 30), (-4, 14), (-6, 6))], [((0, 10), (0, 10), (0, 6)), ((14, 26), (0, 10), (-3, 6))])
-    tops = solid_of_boxes([((-4, 30), (-4, 14), (6, 9)), ((0.2, 9.8), (0.2, 9.8), (3, 7)), ((14.2, 25.8), (0.2, 9.8), (3, 7))])
+    tops = solid_of_boxes(
+        [((-4, 30), (-4, 14), (6, 9)), ((0.2, 9.8), (0.2, 9.8), (3, 7)), ((14.2, 25.8), (0.2, 9.8), (3, 7))]
+    )
     tools = make_tools({
-        "die": mesh(write_stl(tmp_path / "die.stl", die)), "top": mesh(write_stl(tmp_path / "top.stl", tops)),
+        "die": mesh(write_stl(tmp_path / "die.stl", die), grid_spacing=0.15),
+        "top": mesh(write_stl(tmp_path / "top.stl", tops), grid_spacing=0.15),
     })  # fmt: skip
     for seeds, volume in (([[5, 5, 1.5]], 300.0), ([[20, 5, 0]], 720.0), ([[5, 5, 1.5], [20, 5, 0]], 1020.0)):
         assert cavity_volume(tools, seeds, spacing=1.0).volume == pytest.approx(volume, rel=0.01)
@@ -166,7 +173,9 @@ def test_overlap_out_of_reach_and_planes_are_let_pass(make_tools: Make, tmp_path
     tools = moulded(make_tools, tmp_path, shouldered)
     assert charge_balance(tools, SEEDS, 1.0, VOLUME, 1.0).share == pytest.approx(1.0, rel=0.01)
     ram = {"shape": "plane", "point": [0, 0, 8], "normal": [0, 0, -1]}
-    assert charge_balance(moulded(make_tools, tmp_path, ram), SEEDS, 1.0, VOLUME, 1.0).share == pytest.approx(1, rel=0.01)
+    assert charge_balance(moulded(make_tools, tmp_path, ram), SEEDS, 1.0, VOLUME, 1.0).share == pytest.approx(
+        1, rel=0.01
+    )
 
 
 def test_a_boss_that_is_pressed_into_the_floor_far_from_the_charge(make_tools: Make, tmp_path: Path) -> None:
