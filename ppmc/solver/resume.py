@@ -31,7 +31,7 @@ def where_to_go_on(output: Path, model: Model, provenance: Provenance) -> tuple[
     if not found or not folder.is_dir():
         return None
     furthest, origin = found[0]
-    differences = _differences(origin, provenance) + _other_constants(furthest, model)
+    differences = _differences(origin, provenance) or _other_constants(furthest, model)
     if differences:
         shown = differences[:MOST_DIFFERENCES]
         if len(differences) > len(shown):
