@@ -12,7 +12,7 @@ from ppmc.errors import InputFileError, SceneError
 from ppmc.files import read_particles
 from ppmc.orientation import angle_between_axes
 from ppmc.scene.charge import FileOrientation
-from ppmc.scene.loader import parse_scene
+from ppmc.scene.loader import load_scene, parse_scene
 
 SCENE = """
 name: block
@@ -149,3 +149,62 @@ def test_command_exports_and_reports(tmp_path, capsys):
     out = capsys.readouterr().out
     assert "192 particles in 2 layers" in out and "platelets incomplete" in out
     assert len(read_points(tmp_path / "c.csv").positions) == len(read_points(tmp_path / "c.inp").positions) == 192
+
+
+def quadratic_bar() -> str:
+    """Three C3D20R elements along x1, their element lines wrapped as Abaqus requires; p = x2."""
+    numbers: dict[tuple[int, int, int], int] = {}
+    corners = [(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0), (0, 0, 2), (2, 0, 2), (2, 2, 2), (0, 2, 2)]
+    edges = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
+    places = corners + [tuple((a + b) // 2 for a, b in zip(corners[i], corners[j], strict=True)) for i, j in edges]
+    cells = []
+    for k in range(3):
+        cells.append([numbers.setdefault((x + 2 * k, y, z), len(numbers) + 1) for x, y, z in places])
+    text = "*NODE\n" + "".join(f"{n}, {x}., {y}., {z}.\n" for (x, y, z), n in numbers.items())
+    text += "*ELEMENT, TYPE=C3D20R, ELSET=A\n"
+    for k, row in enumerate(cells, 1):
+        words = [str(n) for n in (k, *row)]
+        text += ", ".join(words[:16]) + ",\n" + ", ".join(words[16:]) + "\n"
+    text += "*DISTRIBUTION TABLE, NAME=T\nCOORD3D, COORD3D\n*DISTRIBUTION, NAME=D, LOCATION=ELEMENT, TABLE=T\n"
+    text += ", 1., 0., 0., 0., 1., 0.\n" + "".join(f"{k}, 0., 1., 0., -1., 0., 0.\n" for k in (1, 2, 3))
+    return text + "*ORIENTATION, NAME=O\nD\n3, 0.\n*ELSET, ELSET=PLATELET-7, GENERATE\n1, 3, 1\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "tensor"),
+    [
+        ("", "", (0, 1, 0)),
+        ("D\n3, 0.", "D\n3, 90.", (1, 0, 0)),
+        ("D\n3, 0.", "D\n1, 90.", (0, 1, 0)),
+        ("NAME=O\nD\n3, 0.", "NAME=O, SYSTEM=CYLINDRICAL\n3.,-9.,0., 3.,9.,0.\n1, 0.", None),
+        ("PART", "PART", (1, 0, 0)),
+    ],
+    ids=["as it is", "about 3", "about 1", "cylinder", "turned instance"],
+)
+def test_abaqus_directions_reach_the_charge(old, new, tensor, tmp_path):
+    text = quadratic_bar()
+    if old == "PART":
+        text = f"*PART, NAME=P\n{text}*END PART\n*ASSEMBLY, NAME=A\n*INSTANCE, NAME=P-1, PART=P\n0,0,0\n"
+        text += "3,1,0, 3,1,1, 90.\n"
+        text += "*END INSTANCE\n*END ASSEMBLY\n"
+    (tmp_path / "bar.inp").write_text(text.replace(old, new) if old != "PART" else text)
+    (tmp_path / "bar.yaml").write_text(
+        "name: bar\ncharge:\n  domain: {shape: box, size: [6, 2, 2]}\n  spacing: 0.5\n"
+        "  orientation: {source: file, file: bar.inp}\n"
+    )
+    path = run(load_scene(tmp_path / "bar.yaml"), output=tmp_path / "o.vtkhdf")
+    file = read_particles(path, "charge")
+    p = file.fields["fibre_direction"]
+    assert set(file.fields["platelet_id"]) == {7}
+    points = read_points(tmp_path / "bar.inp")
+    assert len(points.positions) == 3
+    if old == "PART":
+        assert np.allclose(points.positions, [[3, -1, 1], [3, 1, 1], [3, 3, 1]])
+    else:
+        assert np.allclose(points.positions, [[1, 1, 1], [3, 1, 1], [5, 1, 1]])
+    if tensor is not None:
+        assert np.allclose((p**2).mean(axis=0), tensor, atol=1e-6)
+    else:  # radial from the line x1 = 3, x3 = 0 along x2
+        x, z = points.positions[:, 0] - 3.0, points.positions[:, 2]
+        radial = np.column_stack([x, 0 * x, z]) / np.hypot(x, z)[:, None]
+        assert np.allclose(np.abs((points.fibre_direction * radial).sum(axis=1)), 1)
