@@ -66,10 +66,9 @@ def cavity_volume(
 ) -> Cavity:
     """Return the volume of the free space that contains the seeds.
 
-    A ball of half a spacing floods it (:mod:`ppmc.geometry.flood`), so that clearances below a spacing are closed,
-    and corners are added to what the ball reaches. Cells where walls meet are divided in 3 x 3 x 3 parts; each is
-    filled in proportion to the distances of its middle, so that the volume is accurate to about a hundredth of a spacing's
-    square along each edge.
+    A ball of about a spacing across floods it (:mod:`ppmc.geometry.flood`), so that clearances below a spacing are
+    closed, and corners are added to what the ball reaches. Cells where walls meet are divided in 3 x 3 x 3 parts; each
+    is filled in proportion to the distances of its middle, so that the volume has no steps of whole cells.
 
     Parameters
     ----------
@@ -251,9 +250,9 @@ def _comes_to_flood(tools, offsets, low, step, radius, table, state, x, y, z):  
     """Return whether a point, pushed from the walls, comes to the flood, and after how many pushes."""
     found, pushes, x, y, z = push_out(tools, offsets, radius, x, y, z)
     if found:
-        i = int(math.floor((x - low[0]) / step))
-        j = int(math.floor((y - low[1]) / step))
-        k = int(math.floor((z - low[2]) / step))
+        i = math.floor((x - low[0]) / step)
+        j = math.floor((y - low[1]) / step)
+        k = math.floor((z - low[2]) / step)
         for c in range(k - 1, k + 2):
             for b in range(j - 1, j + 2):
                 for a in range(i - 1, i + 2):

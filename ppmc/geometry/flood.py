@@ -1,6 +1,6 @@
 """Where a ball can get from given points, on cells that are looked at only when the flood comes to them (kernels).
 
-A ball of half a particle spacing stands for the charge: clearances narrower than a spacing are closed to it, however
+A ball a particle spacing across stands for the charge: clearances narrower than a spacing are closed to it, however
 long, for no place in them is half a spacing from all walls. A cell belongs to the flood if it holds such a place, and
 cells are a third of a spacing wide, so that two neighbours of them never lie on both sides of a wall. What a ball
 leaves out, corners and the mouths of clearances, is told apart by pushing a point away from the nearest wall again and
@@ -190,9 +190,9 @@ def flood(tools, offsets, low, step, radius, shape, seeds, most):  # type: ignor
     for s in range(seeds.shape[0] + 1):
         first = s < seeds.shape[0]
         if first:
-            i = int(math.floor((seeds[s, 0] - low[0]) / step))
-            j = int(math.floor((seeds[s, 1] - low[1]) / step))
-            k = int(math.floor((seeds[s, 2] - low[2]) / step))
+            i = math.floor((seeds[s, 0] - low[0]) / step)
+            j = math.floor((seeds[s, 1] - low[1]) / step)
+            k = math.floor((seeds[s, 2] - low[2]) / step)
             if i < 0 or j < 0 or k < 0 or i >= nx or j >= ny or k >= nz:
                 continue
             stack[held] = (np.int64(k) * ny + j) * nx + i

@@ -1,4 +1,4 @@
-"""The box in which free space between tools is looked for, and on which sides of it tools end that space for certain."""
+"""The box in which free space between tools is looked for: no closed cavity about the charge reaches beyond it."""
 
 from __future__ import annotations
 

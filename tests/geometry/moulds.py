@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import meshio
@@ -43,7 +44,7 @@ def turned(profile: list[tuple[float, float]], sides: int = 96) -> tuple[np.ndar
     angle = 2.0 * np.pi * np.arange(sides) / sides
     rings = [np.stack([r * np.cos(angle), r * np.sin(angle), np.full(sides, z)], axis=1) for r, z in profile]
     triangles = []
-    for low, high in zip(rings, rings[1:], strict=False):
+    for low, high in pairwise(rings):
         for n in range(sides):
             a, b, c, d = low[n], low[(n + 1) % sides], high[(n + 1) % sides], high[n]
             triangles += [t for t in ((a, b, c), (a, c, d)) if len({tuple(p) for p in t}) == 3]
