@@ -1,6 +1,6 @@
 """MetaImage: .mhd with a data file beside it, .mha with the data inside; ITK's own format.
 
-The header is lines of ``key = value``; reading it here keeps ITK's hundred megabytes out and lets data that are not
+The header is lines of ``key = value``; reading it here keeps ITK out and lets data that are not
 compressed be read where they lie.
 """
 
