@@ -9,35 +9,46 @@ from typing import Any
 import h5py
 
 HDF5_MARK = b"\x89HDF\r\n\x1a\n"
-INCLUDE = re.compile(r"^\*\s*INCLUDE\s*,.*?INPUT\s*=\s*([^,\r\n]+)", re.IGNORECASE | re.MULTILINE)
+# How text files name others, by their ending. What is named but is no file is passed over, so that these may be wide:
+# any keyword of an Abaqus deck takes INPUT=, on its first line or on one that continues it.
+NAMES = {
+    ".inp": re.compile(r"\bINPUT\s*=\s*([^,\r\n]+)", re.IGNORECASE),
+    ".mhd": re.compile(r"^\s*ElementDataFile\s*=\s*(.+?)\s*$", re.IGNORECASE | re.MULTILINE),
+    ".nhdr": re.compile(r"^\s*data ?file:\s*(.+?)\s*$", re.IGNORECASE | re.MULTILINE),
+}
+BESIDE = {".hdr": ".img"}  # headers whose data have the same name
 DEEPEST = 16
 
 
 def referenced_files(path: Path) -> tuple[Path, ...]:
     """Return the existing files that a file refers to, and those that they refer to, each once and in order.
 
-    Followed are ``*INCLUDE`` lines of Abaqus input files, and external links, external storage and virtual datasets of
-    HDF5 files.
+    Followed are ``INPUT=`` of Abaqus input files (as seen from the file and from the deck that it begins with), the data
+    files of MetaImage, NRRD and NIfTI headers, and external links, external storage and virtual datasets of HDF5 files.
     """
     found: dict[Path, None] = {}
-    _follow(Path(path), found, 0)
+    _follow(Path(path), found, 0, Path(path).parent)
     found.pop(Path(path).resolve(), None)
     return tuple(found)
 
 
-def _follow(path: Path, found: dict[Path, None], depth: int) -> None:
-    """Collect what a file refers to, once for files that refer to each other."""
-    if path.suffix.lower() == ".inp":
-        names = INCLUDE.findall(path.read_text(encoding="utf-8", errors="replace"))
+def _follow(path: Path, found: dict[Path, None], depth: int, first: Path) -> None:
+    """Collect what a file refers to, once for files that refer to each other; `first` is the folder of the first one."""
+    kind = path.suffix.lower()
+    if kind in NAMES:
+        names = NAMES[kind].findall(path.read_text(encoding="utf-8", errors="replace"))
+    elif kind in BESIDE:
+        names = [path.with_suffix(BESIDE[kind]).name]
     elif _is_hdf5(path):
         names = _hdf5_names(path)
     else:
         return
     for name in names:
-        other = (path.parent / name.strip().strip("\"'")).resolve()
-        if other.is_file() and other not in found and depth < DEEPEST:
-            found[other] = None
-            _follow(other, found, depth + 1)
+        for folder in dict.fromkeys((path.parent, first)):
+            other = (folder / name.strip().strip("\"'")).resolve()
+            if other.is_file() and other not in found and depth < DEEPEST:
+                found[other] = None
+                _follow(other, found, depth + 1, first)
 
 
 def _is_hdf5(path: Path) -> bool:
