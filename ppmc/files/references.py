@@ -23,8 +23,8 @@ DEEPEST = 16
 def referenced_files(path: Path) -> tuple[Path, ...]:
     """Return the existing files that a file refers to, and those that they refer to, each once and in order.
 
-    Followed are ``INPUT=`` of Abaqus input files (as seen from the file and from the deck that it begins with), the data
-    files of MetaImage, NRRD and NIfTI headers, and external links, external storage and virtual datasets of HDF5 files.
+    Followed are ``INPUT=`` of Abaqus decks (as seen from the file and from the deck that was opened), the data files of
+    MetaImage, NRRD and NIfTI headers, and external links, external storage and virtual datasets of HDF5 files.
     """
     found: dict[Path, None] = {}
     _follow(Path(path), found, 0, Path(path).parent)
@@ -33,7 +33,7 @@ def referenced_files(path: Path) -> tuple[Path, ...]:
 
 
 def _follow(path: Path, found: dict[Path, None], depth: int, first: Path) -> None:
-    """Collect what a file refers to, once for files that refer to each other; `first` is the folder of the first one."""
+    """Collect what a file refers to, once for files that refer to each other; `first` is the first one's folder."""
     kind = path.suffix.lower()
     if kind in NAMES:
         names = NAMES[kind].findall(path.read_text(encoding="utf-8", errors="replace"))
