@@ -13,6 +13,7 @@ from ppmc.errors import SceneError
 from ppmc.geometry.cavity import cavity_volume
 from ppmc.geometry.charge_bounds import charge_bounds
 from ppmc.geometry.domain import closed_domain
+from ppmc.geometry.tool_checks import ALONG
 from ppmc.geometry.toolset import ToolSet
 from ppmc.scene.charge import BoxDomain, ChargeSection, DrapedDomain
 from ppmc.scene.materials.relations import axial_viscosity
@@ -216,7 +217,8 @@ def narrow_places(
     at = [np.linspace(a, b, 9) for a, b in zip(charge.low, charge.high, strict=True)]
     seeds = np.stack(np.meshgrid(*at, indexing="ij"), axis=-1).reshape(-1, 3)
     try:
-        cavity = cavity_volume(tools, seeds, end, spacing=float(np.cbrt(np.prod(charge.spacing))))
+        # Two spacings will do for where to look, at an eighth of the cells.
+        cavity = cavity_volume(tools, seeds, end, spacing=2.0 * float(np.cbrt(np.prod(charge.spacing))))
     except SceneError:
         return None, None, None
     share = charge.count * float(np.prod(charge.spacing)) / cavity.volume if cavity.closed else None
@@ -231,10 +233,16 @@ def narrow_places(
     nearest, k = np.argmin(phi, axis=0), np.arange(len(free))
     opposed = np.einsum("tnc,nc->tn", normals, normals[nearest, k]) < OPPOSED
     moved = tools.offsets(end)
-    against = np.any(np.abs(moved[:, None] - moved[nearest][None]) > 1e-9, axis=2)
+    way = moved[:, None] - moved[nearest][None]
+    size = np.linalg.norm(way, axis=2)
+    against = size > 1e-9
+    # A clearance along which tools slide does not close, and the charge does not enter one below a spacing.
+    closing = against & (np.abs(np.einsum("tnc,tnc->tn", way, normals)) > ALONG * size)
+    widths = phi + phi[nearest, k]
+    entered = widths > 1.05 * float(np.cbrt(np.prod(charge.spacing)))
     found = []
-    for chosen in (opposed & against, opposed & ~against):
-        width = np.where(chosen, phi, math.inf) + phi[nearest, k]
+    for chosen in (opposed & closing, opposed & ~against & entered):
+        width = np.where(chosen, widths, math.inf)
         tool, where = np.unravel_index(int(np.argmin(width)), width.shape)
         names = tools.names[int(nearest[where])], tools.names[int(tool)]
         least = float(width[tool, where])

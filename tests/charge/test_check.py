@@ -33,7 +33,10 @@ def test_particles_and_balance_of_a_block():
     assert "takes 100.00% of the closed cavity of 800" in said(BLOCK)
     assert "50.00% of the closed cavity" in said(BLOCK.replace("end_time: 2", "end_time: 1e-9"))
     assert said(BLOCK.replace("end_time: 2", "end_time: 1e-9")).endswith("a short shot")
-    assert "too much" in said(BLOCK.replace("travel: 2", "travel: 2.2").replace("end_time: 2", "end_time: 2.2"))
+    farther = BLOCK.replace("travel: 2", "travel: 2.05").replace("end_time: 2", "end_time: 2.2")
+    assert "too much" in said(farther) and "by about 0.05 mm" in said(farther)
+    with pytest.raises(SceneError, match=r"takes 111\.11% of the closed cavity.*too much"):
+        said(farther.replace("2.05", "2.2"))
 
 
 def test_open_and_forced_tools():
