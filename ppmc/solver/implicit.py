@@ -230,7 +230,7 @@ class ImplicitIntegrator:
         speed, pushed = self._travel(time, dt), model.walls.forced.velocities(dt)
         reach = 1.3 * float(model.walls.spacing.max()) + 2.0 * speed
         ahead = 0.5 * dt if update else 0.0
-        contacts = model.walls.contacts(state, time, dt, reach, ahead)
+        contacts = model.walls.contacts(state, time, dt, reach, ahead, flows=speed > 0.0 or model.density > 0.0)
         contacts.active |= contacts.gap <= TOUCH * model.spacing
         contacts.active |= contacts.violations(state.velocity[contacts.rows], dt) > TOUCH * model.spacing
         state.wall_layers = contacts.wall_layers(len(state))

@@ -136,7 +136,7 @@ class ParticleState:
     def _rows(self, name: str, order: np.ndarray) -> np.ndarray:
         values = np.ascontiguousarray(getattr(self, name))
         out = np.empty((len(order), *values.shape[1:]), values.dtype)
-        _take_rows(values.reshape(len(self), -1), order, out.reshape(len(order), -1))
+        _take_rows(values.reshape(len(values), -1), order, out.reshape(len(order), -1))
         return out
 
     def arrays(self) -> dict[str, np.ndarray]:

@@ -65,6 +65,7 @@ class Walls:
         time_step: float,
         reach: float,
         ahead: float = 0.0,
+        flows: bool = True,
     ) -> Contacts:
         """Faces within `reach` (mm) of particles, with the gaps to be kept at the end of the step.
 
@@ -78,6 +79,9 @@ class Walls:
         ahead : float
             Time after the beginning at which faces are sought, where particles and tools will then be, s. On a curved
             face chords have the normal of their middle: in the half of a step, what slides along it keeps its distance.
+        flows : bool
+            Whether the flow of the last steps may go on. Without inertia it does not where all tools rest: half-widths
+            that are told to flatten on would drag the charge to faces that bear nothing.
         """
         before, after = self.offsets(time), self.offsets(time + time_step)
         wall = (after - before) / time_step
@@ -87,6 +91,7 @@ class Walls:
         near = np.maximum(tool, 0)
         phi -= ahead * np.einsum("nkc,nkc->nk", normal, state.velocity[rows][:, None] - wall[near])
         rates = (2.0 + TREND) * state.smooth_gradient[rows] - (1.0 + TREND) * state.twice_smooth_gradient[rows]
+        rates *= flows
         increment = np.eye(3) + time_step * rates
         lattice = six(increment @ full(state.lattice_shape[rows]) @ np.swapaxes(increment, -1, -2))
         start = lattice_of(self.spacing)
