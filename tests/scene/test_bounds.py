@@ -26,11 +26,11 @@ def scene(size: str = "4 mm", tool: str = "lower", end: str = "1 s", interval: s
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        (scene(size='"9**9**9 mm"'), r"scene\.yaml:3: charge\.domain\.size.*no simple quantity"),
-        (scene(size='"9^9^9 mm"'), "no simple quantity"),
-        (scene(size='"(9**99)**99 mm"'), "is not a quantity"),
-        (scene(size='"2**1000000000 mm"'), "no simple quantity"),
-        (scene(size='"' + "1+" * 60 + '1 mm"'), "no simple quantity"),
+        (scene(size='"9**9**9 mm"'), r"scene\.yaml:3: charge\.domain\.size.*a power without a unit"),
+        (scene(size='"9^9^9 mm"'), "a power without a unit"),
+        (scene(size='"(9**99)**99 mm"'), "is not one number and one unit"),
+        (scene(size='"2**1000000000 mm"'), "a power without a unit"),
+        (scene(size='"' + "1+" * 60 + '1 mm"'), "at most 100 characters"),
         (scene(size="1" + "0" * 400), "beyond all numbers"),
         (scene(size="1e400"), "size"),
         (scene(tool='"r\\0m"'), r"scene\.yaml:7: tooling"),
@@ -50,7 +50,7 @@ def test_what_no_scene_means_is_told_at_once(text: str, told: str) -> None:
         parse_scene(text)
 
 
-@pytest.mark.parametrize("size", ["4e-3 m", "0.4 cm", "40 * 10**-1 mm", "4 mm**2 / mm", "4000 um"])
+@pytest.mark.parametrize("size", ["4e-3 m", "0.4 cm", "4 mm**2 / mm", "4000 um"])
 def test_unit_expressions_of_people_pass(size: str) -> None:
     domain = parse_scene(scene(size=f'"{size}"')).charge.domain  # type: ignore[union-attr]
     assert domain.size[0] == pytest.approx(4.0)  # type: ignore[union-attr]
