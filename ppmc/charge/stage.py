@@ -88,7 +88,9 @@ def run(
     section: ChargeSection = scene.require("charge")
     inputs = _inputs(scene, section, input, volume)
     depends = of_charge(scene, input, volume)
-    check_output(output, [*depends.inputs, scene.file], is_own=is_product("charge"), force=force)
+    # Moulds are not replaced, be they none of what this stage reads.
+    named = [*depends.inputs, *scene.named_files("tooling"), scene.file]
+    check_output(output, named, is_own=is_product("charge"), force=force)
     generator = np.random.default_rng([scene.seed, STAGE_NUMBER])
     # The digest of a large CT file takes longer than the map from it.
     with ThreadPoolExecutor(1) as beside:

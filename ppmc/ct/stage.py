@@ -63,7 +63,7 @@ def make_phantom(scene: Scene, output: Path, *, force: bool = False) -> Path:
         If the file cannot be written.
     """
     section = scene.require("phantom")
-    check_output(output, [scene.file], is_own=is_product("volume"), force=force)
+    check_output(output, [*scene.named_files("tooling"), scene.file], is_own=is_product("volume"), force=force)
     phantom = Phantom(section, scene.seed)
     provenance = Provenance.of(scene, of_phantom(scene))
     names = [field.name for field in FIELDS["volume"]]
@@ -136,7 +136,8 @@ def run(
     path = volume_path(scene, input)
     mask_path = scene.locate(section.mask.path) if section.mask is not None and section.mask.path else None
     depends = of_ct(scene, path)
-    check_output(output, [*depends.inputs, scene.file], is_own=is_product("orientations"), force=force)
+    kept = [*depends.inputs, *scene.named_files("tooling"), scene.file]
+    check_output(output, kept, is_own=is_product("orientations"), force=force)
     with opened(scene, path, mask_path) as volume:
         job = plan(scene, volume)
         grid = registered(VoxelGrid(volume.shape, job.spacing, volume.origin, volume.direction), section.registration)

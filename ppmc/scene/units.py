@@ -123,7 +123,7 @@ def _three(v: Any) -> Any:
 
 def _unit_length(v: tuple[float, float, float]) -> tuple[float, float, float]:
     """Scale a direction to unit length; refuse the zero vector."""
-    length = math.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
+    length = math.hypot(*v)
     if length < 1e-12:
         raise PydanticCustomError("direction", "a direction must not be the zero vector")
     return (v[0] / length, v[1] / length, v[2] / length)

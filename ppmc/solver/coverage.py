@@ -117,7 +117,11 @@ class Coverage:
         self.since = np.where(lost & (self.way == 0.0), time, self.since)
         self.way = np.where(lost, self.way + closing * dt, 0.0)
         size = np.linalg.norm(force, axis=1)
-        fuller = (cover >= self.most) & (cover > 0.0) & (size > self.least_force)
+        # A tool that parts leaves the charge by its own motion: its way back through the air is no loss.
+        self.most = np.where((closing == 0.0) & (cover < LET_GO * self.most), 0.0, self.most)
+        # A force that has turned round is noise of a stiff charge, or a pull: neither tells where the tool presses.
+        turned = np.einsum("kc,kc->k", self.direction, -force) < 0.0
+        fuller = (cover >= self.most) & (cover > 0.0) & (size > self.least_force) & ~turned
         self.direction[fuller] = _unit(-force[fuller])
         self.bearing[fuller] = size[fuller] / size.max(initial=1e-300)
         self.most[fuller] = cover[fuller]

@@ -87,9 +87,10 @@ class History:
             *_cells(measures.released), measures.press_force, *report.tool_force.ravel().tolist(),
             *report.tool_moment.ravel().tolist(), *measures.cover.tolist(), *measures.closing.tolist(),
         ]  # fmt: skip
+        # Floats throughout, as a run that goes on from a checkpoint has them: its table is the same to the byte.
         self.rows.append([float(value) for value in row])
         with self.path.open("a", newline="") as handle:
-            csv.writer(handle).writerow(row)
+            csv.writer(handle).writerow(self.rows[-1])
 
     def table(self) -> np.ndarray:
         """All rows, shape (steps, columns)."""

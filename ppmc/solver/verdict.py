@@ -32,6 +32,7 @@ class Limits:
     unconverged: float = 0.0
     penetration: float = 0.02
     coverage: float = 0.5
+    force_balance: float = 0.2
     driven_share: float = 0.5
     zero_energy_share: float = 0.5
     outside: float = 0.0
@@ -46,6 +47,7 @@ REASONS = {
     "unconverged": "a solve that gave up has velocities and touching faces of unknown error",
     "penetration": "two per cent of a spacing: four of a wall layer's half-width, and so of its share of the volume",
     "coverage": "a charge that is pressed spreads: where half of what covered a closing tool has left it, it tips over",
+    "force_balance": "nothing but tools acts on the charge: where a fifth of their force is not balanced, it is noise",
     "driven_share": "less than half: the correction of packing and stored pressure move the charge, not the tools",
     "zero_energy_share": "half: particles would resist by what velocity gradients do not see as much as by viscosity",
     "outside": "a centre in a tool, or without three neighbours: nothing that it carries means anything",
@@ -88,6 +90,7 @@ def judge(
             h, "penetration", "penetration", h["penetration"] / spacing, limits, at="penetration", unit="spacings"
         ),
         _covered(h, tools, force, limits),
+        _balanced(h, tools, force, limits),
         _driven(h, force * spacing, limits),
         _zero_energy(h, force * spacing, limits),
         _worst(h, "outside", "particles outside", h["outside"], limits, at="outside"),
@@ -213,6 +216,24 @@ def _covered(h: Columns, tools: Sequence[str], force: float, limits: Limits) -> 
         "coverage", told, float(shares[step, tool]), limits, least=True, time=float(h["time"][step]),
         tool=tools[int(tool)], particle=particle, position=position,
     )  # fmt: skip
+
+
+def _balanced(h: Columns, tools: Sequence[str], least_force: float, limits: Limits) -> Finding:
+    """Return the part of the tools' impulse in the whole run that is not balanced, and the step that adds most to it.
+
+    What tools exert must add up to nothing, for inertia is none or scaled to be negligible. With stiff fibres reactions
+    scatter; single steps of small forces say little, the run's sum says whether its forces mean anything.
+    """
+    told = "tools' forces out of balance"
+    steps, durations = len(h["time"]), np.diff(h["time"], prepend=0.0)
+    each = np.array([[h[f"force_{tool}_{axis}"] for axis in "xyz"] for tool in tools]).reshape(len(tools), 3, steps)
+    exerted = durations * 0.5 * np.linalg.norm(each, axis=1).sum(axis=0)
+    left = durations * np.linalg.norm(each.sum(axis=0), axis=0)
+    if not float(exerted.sum()) > least_force * float(durations.sum()):
+        return _finding("force_balance", told, None, limits)
+    worst = int(np.argmax(left))
+    time = float(h["time"][worst]) if left[worst] > 0.0 else None
+    return _finding("force_balance", told, float(left.sum() / exerted.sum()), limits, time=time)
 
 
 def let_go(record: Coverage, tools: Sequence[str], spacing: float, released: Place) -> str | None:

@@ -132,7 +132,7 @@ def test_the_report_begins_with_the_verdict(done: tuple[Scene, Path]) -> None:
     assert verdict is not None and verdict.passed
     page = (folder / "report.html").read_text()
     assert 'href="#s1">Verdict</a>' in page
-    assert page.index("The flow passed: all 11 limits kept.") < page.index("Overview</h2>")
+    assert page.index("The flow passed: all 12 limits kept.") < page.index("Overview</h2>")
     told = json.loads((folder / "analysis.json").read_text())["verdict"]
     assert told == json.loads(json.dumps(verdict.as_facts()))
 
@@ -147,7 +147,7 @@ def test_a_strict_run_writes_everything_and_ends_with_4(tmp_path: Path, capsys: 
     assert _run([*arguments, "--strict"]) == 4
     assert "takes no broken limit: unconverged solves" in capsys.readouterr().err
     page = (tmp_path / "run" / "report.html").read_text()
-    assert page.index("NOT PASSED: 1 of 11 limits not kept") < page.index("Overview</h2>")
+    assert page.index("NOT PASSED: 1 of 12 limits not kept") < page.index("Overview</h2>")
     assert _run([*arguments, "--strict"]) == 4
     told = capsys.readouterr().err
     assert told.count("unchanged") == 3 and "verdict NOT PASSED" in told

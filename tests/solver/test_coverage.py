@@ -98,3 +98,22 @@ def test_only_faces_that_look_where_a_tool_presses_cover_it():
     np.testing.assert_array_equal(tools.cover(faces, np.zeros((2, 3))), [5.0, 8.0])
     np.testing.assert_array_equal(Coverage(2, 1e-6).cover(faces, np.array([DOWN, UP])), [5.0, 8.0])
     np.testing.assert_array_equal(Coverage(2, 1e-6).cover(faces, np.zeros((2, 3))), [0.0, 0.0])
+
+
+def test_a_force_that_turns_round_does_not_turn_the_tool():
+    """Forces of a stiff charge may be noise: a pull says nothing of where a tool presses, and the cover goes on."""
+    tools = record((UP, 100.0), (DOWN, 100.0))
+    pulled = np.array([UP, DOWN]) * 50.0
+    tools.add(0.3, np.full(2, 80.0), pulled, np.full(2, 2.0), 0.1)
+    np.testing.assert_allclose(tools.direction, [UP, DOWN])
+    faces = Touched(np.array([0, 1], dtype=np.int32), np.array([UP, DOWN]), np.array([3.0, 4.0]))
+    np.testing.assert_array_equal(tools.cover(faces, pulled), [3.0, 4.0])
+
+
+def test_a_tool_that_lifts_and_comes_back_has_lost_nothing():
+    tools = record((UP, 100.0), (DOWN, 100.0))
+    tools.add(0.3, np.zeros(2), np.zeros((2, 3)), np.zeros(2), 0.1)  # it parts: nothing closes
+    for k in range(20):
+        tools.add(0.4 + 0.1 * k, np.zeros(2), np.zeros((2, 3)), np.full(2, 2.0), 0.1)  # through the air
+    assert len(tools.lost(1.0)) == 0
+    assert np.isnan(tools.share(np.zeros(2), np.full(2, 2.0))).all()

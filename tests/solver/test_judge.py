@@ -147,3 +147,20 @@ def test_round_off_neither_presses_nor_works(tmp_path):
     verdict = judge(columns, TOOLS, 0.5, BULK)
     assert verdict.passed
     assert [finding.value for finding in verdict.findings[7:10]] == [None, None, None]
+
+
+def test_forces_that_do_not_balance_mean_nothing(tmp_path):
+    columns = table(tmp_path)
+    assert found(columns, "force_balance").value == pytest.approx(0.0)
+    columns["force_ram_z"][:] = 5.0 * 1.2
+    assert found(columns, "force_balance").value == pytest.approx(1.0 / 5.5)
+    assert judge(columns, TOOLS, 0.5, BULK).passed
+    columns["force_ram_z"][:] = 5.0 * 1.3
+    columns["force_ram_x"][1] = 9.0
+    broken = judge(columns, TOOLS, 0.5, BULK).broken
+    assert [finding.name for finding in broken] == ["tools' forces out of balance"]
+    assert broken[0].time == 0.5
+    for axis in "xyz":
+        for tool in TOOLS:
+            columns[f"force_{tool}_{axis}"][:] = 0.0
+    assert found(columns, "force_balance").value is None
