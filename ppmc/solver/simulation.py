@@ -91,7 +91,8 @@ class Simulation:
                     raise StoppedWithCheckpoint(
                         f"stopped by {reason} at t = {self.time:.6g} s; the same command resumes there"
                     )
-        self._save()  # a disk too full for the complete file costs no more than room to be made
+            # While signals are still requests: neither they nor a full disk then cost more than joining the file.
+            self._save()
         history = self.history.by_column()
         told = verdict.judge(
             history, self.model.walls.tools.names, self.model.spacing, self.model.bulk_modulus
