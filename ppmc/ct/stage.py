@@ -136,8 +136,8 @@ def run(
     path = volume_path(scene, input)
     mask_path = scene.locate(section.mask.path) if section.mask is not None and section.mask.path else None
     depends = of_ct(scene, path)
-    kept = [*depends.inputs, *scene.named_files("tooling"), scene.file]
-    check_output(output, kept, is_own=is_product("orientations"), force=force)
+    guarded = [*depends.inputs, *scene.named_files("tooling"), scene.file]
+    check_output(output, guarded, is_own=is_product("orientations"), force=force)
     with opened(scene, path, mask_path) as volume:
         job = plan(scene, volume)
         grid = registered(VoxelGrid(volume.shape, job.spacing, volume.origin, volume.direction), section.registration)
