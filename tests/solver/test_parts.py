@@ -5,12 +5,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ppmc.errors import NumericalError
-from ppmc.geometry.toolset import compile_tools
-from ppmc.scene.tooling import BoxTool, PlaneTool
-from ppmc.solver.block_jacobi import restricted_inverse
-from ppmc.solver.cells import sort_into_cells
-from ppmc.solver.conjugate_gradient import conjugate_gradient
-from ppmc.solver.kernel_shape import (
+from ppmc.geometry.tools.toolset import compile_tools
+from ppmc.scene.sections.tooling import BoxTool, PlaneTool
+from ppmc.solver.linear.block_jacobi import restricted_inverse
+from ppmc.solver.linear.conjugate_gradient import conjugate_gradient
+from ppmc.solver.particles.cells import sort_into_cells
+from ppmc.solver.particles.kernel_shape import (
     follow_lattice,
     full,
     inverse_shape,
@@ -19,8 +19,10 @@ from ppmc.solver.kernel_shape import (
     rearrangement_rate,
     six,
 )
-from ppmc.solver.neighbours import build_list, list_is_stale, weigh_pairs
-from ppmc.solver.packing import (
+from ppmc.solver.particles.neighbours import build_list, list_is_stale, weigh_pairs
+from ppmc.solver.particles.reductions import dot
+from ppmc.solver.particles.smoothing import kernel_value
+from ppmc.solver.sph.packing import (
     EXPOSED_FALL,
     EXPOSED_PACKING,
     INTERIOR,
@@ -30,10 +32,8 @@ from ppmc.solver.packing import (
     inside,
     packing,
 )
-from ppmc.solver.reductions import dot
-from ppmc.solver.smoothing import kernel_value
-from ppmc.solver.time_step import event_times, fit_to_times, proposed_step
-from ppmc.solver.transport import compose, convect_deformation, convect_directions, jeffery_increment, small_strain
+from ppmc.solver.sph.transport import compose, convect_deformation, convect_directions, jeffery_increment, small_strain
+from ppmc.solver.step.time_step import event_times, fit_to_times, proposed_step
 
 from .blocks import lattice, stretched, wendland_weight
 
