@@ -48,8 +48,8 @@ NEXT_TO_NOTHING = 1e-5  # distance, in supports, below which a point counts as t
 FACES_SEEN = 4  # walls about a particle that count: a corner of a narrow gap has so many
 IMAGES = 15  # of a neighbour near four walls: itself, and those behind each, each two and each three of them
 # Radius of the sphere, in spacings, over which the sum is averaged. With it particles in twins, in rows and scattered
-# about a lattice read as in the lattice, to a few parts in a thousand. Twins along all three axes would read 1.024 with 0.87, the
-# distance of a cell's corners, and 0.97 with 1.1.
+# about a lattice read as in the lattice, to a few parts in a thousand. Twins along all three axes would read 1.024 with
+# 0.87, the distance of a cell's corners, and 0.97 with 1.1.
 SAMPLED = 0.97
 INTERIOR = 0.93  # packing above which a particle lies inside the material anyhow
 # At a plane surface a lattice reads 0.73 with a fall of 0.28 in its first row and 0.98 with 0.03 in its second; cut
