@@ -13,7 +13,7 @@ from ppmc.analysis.curves import draw_curves
 from ppmc.analysis.gather import Opened, gather, truth_links
 from ppmc.analysis.mesh import read_mesh
 from ppmc.analysis.movie import filling_movie
-from ppmc.analysis.output import write_results
+from ppmc.analysis.output import TEXTS, write_results
 from ppmc.analysis.pictures import draw_views
 from ppmc.analysis.report import InputFile
 from ppmc.analysis.structural import map_mesh
@@ -38,8 +38,6 @@ if TYPE_CHECKING:
     from ppmc.scene import Scene
 
 KINDS = ("flow", "charge", "orientations")
-# What is written beside the output under names of its own, and what stands near its start.
-TEXTS = {"report.html": b"ppmc analysis", "analysis.json": b'"scene": ', "scene.html": b"ppmc"}
 
 
 def _claims(given: Mapping[str, Any]) -> list[Claim]:
@@ -163,7 +161,8 @@ def run(
             InputFile(name, kind, digest, origin)
             for (name, digest), kind, origin in zip_longest(own.inputs.items(), kinds, origins)
         ]
-        write_results(scene, section, results, pictures, inputs, own, output, mapped)
+        keep = [*depends.inputs, *scene.named_files(), scene.file]
+        write_results(scene, section, results, pictures, inputs, own, output, mapped, keep=keep, force=force)
         bar.update(6, "report")
     return output
 

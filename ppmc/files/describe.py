@@ -10,12 +10,12 @@ from typing import Any
 import h5py
 import numpy as np
 
-from ppmc.errors import InputFileError
-from ppmc.files.digests import DIGESTS, MANIFEST, manifest
+from ppmc.files.digests import DIGESTS
 from ppmc.files.fields import FIELDS, MADE_BY, UNITS
 from ppmc.files.frame_files import HEADER, FrameFolder, frame_name
 from ppmc.files.guard import (
     block_check,
+    check_unchanged,
     check_values,
     compare_block,
     compare_whole,
@@ -228,9 +228,7 @@ def verify_file(path: Path) -> list[str]:
                     compare_whole(dataset, values, path)
             if noted or spec is not None:
                 lines.append(f"{dataset.name}: {'values and digest' if noted else 'values'} verified")
-        written = attribute(file["ppmc"], MANIFEST)
-        if written and written != manifest(file):
-            raise InputFileError(f"{path}: names or attributes were changed after the file was written")
+        check_unchanged(file, path)
     return lines
 
 

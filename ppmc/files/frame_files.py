@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ppmc.errors import InputFileError, StorageError
 from ppmc.files.fields import FIELDS
 from ppmc.files.fields import field as spec_of
-from ppmc.files.guard import check_layout, check_values, dataset_of, group_of, open_guarded, read_whole
+from ppmc.files.guard import check_layout, check_unchanged, check_values, dataset_of, group_of, open_guarded, read_whole
 from ppmc.files.particles import POSITION
 from ppmc.files.provenance import Provenance
 from ppmc.files.text import attribute, read_json
@@ -120,6 +120,7 @@ class FrameFolder:
             known = {f.name for f in FIELDS[product] if not f.static}
             if not isinstance(growing, dict) or not set(growing.get("fields", ())) <= known:
                 raise InputFileError(f"{path / HEADER}: does not say what grows here")
+            check_unchanged(file, path / HEADER)
             return cls(path, product, n, growing, Provenance.load(file))
 
     @staticmethod
@@ -177,6 +178,7 @@ class FrameFolder:
             scalars = np.atleast_1d(np.asarray(own.attrs.get("scalars", ()), np.float64))
             if scalars.shape != (len(self.scalars),) or "time" not in own.attrs:
                 raise InputFileError(f"{path}: lacks its time or its numbers")
+            check_unchanged(file, path)
             yield FrameFile(path, self.product, self.n, float(own.attrs["time"]), scalars, file)
 
     def time_of(self, k: int) -> float:

@@ -20,6 +20,7 @@ from ppmc.files.guard import (
     BlockCheck,
     block_check,
     check_layout,
+    check_unchanged,
     check_values,
     compare_block,
     dataset_of,
@@ -189,6 +190,7 @@ def _sealed(file: h5py.File, path: Path, product: str) -> SeriesFile:
         compare_block(checks[name], (rows,), path)
         return values
 
+    check_unchanged(file, path)
     own = file.get("ppmc", {})
     return SeriesFile(
         path=path,

@@ -23,6 +23,7 @@ from ppmc.files.guard import (
     block_check,
     check_layout,
     check_orthogonal,
+    check_unchanged,
     check_values,
     compare_block,
     dataset_of,
@@ -219,7 +220,7 @@ class VoxelFile:
         return np.asarray(values)
 
     def verify(self) -> None:
-        """Read all fields slab by slab, and verify every value.
+        """Read all fields slab by slab, and verify every value, and that p and r are orthogonal.
 
         Raises
         ------
@@ -228,8 +229,11 @@ class VoxelFile:
         """
         planes = max(1, SLAB * self.grid.shape[0] // self.grid.count)
         for z in range(0, self.grid.shape[0], planes):
+            slab = (slice(z, z + planes), slice(None), slice(None))
             for name in self.names:
-                self.read(name, (slice(z, z + planes), slice(None), slice(None)))
+                self.read(name, slab)
+            if self.product == "orientations":
+                self.read_frames(slab)
 
     def read_frames(self, index: Index = ALL) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return fibre directions and platelet normals, shape (..., 3), verified to be orthogonal."""
@@ -274,6 +278,7 @@ def read_voxels(path: Path, product: str) -> Iterator[VoxelFile]:
         opened = VoxelFile(path, product, grid, names, Provenance.load(file), file)
         if grid.count <= VERIFIED_WHOLE:
             opened.verify()
+        check_unchanged(file, path)
         yield opened
 
 

@@ -75,9 +75,11 @@ class Scene(Section):
         Parameters
         ----------
         *sections : str
-            Names of sections, such as ``"tooling"``; those that the scene does not have name nothing.
+            Names of sections, such as ``"tooling"``; those that the scene does not have name nothing. All by default.
         """
-        found = [path for section in sections for path in _paths_in(getattr(self, section, None))]
+        found = [
+            path for section in sections or type(self).model_fields for path in _paths_in(getattr(self, section, None))
+        ]
         return list(dict.fromkeys(self.locate(path) for path in found))
 
     def require(self, section: str) -> Any:
