@@ -225,7 +225,7 @@ def _tidy(link: Link) -> None:
 
         remove_growing(growing_folder(link.output))
     if link.name == "solve" and any(link.output.parent.glob("*.h5ckpt")):
-        import_module("ppmc.solver.checkpoint").remove_checkpoints(link.output)
+        import_module("ppmc.solver.run.checkpoint").remove_checkpoints(link.output)
 
 
 def check_scene(scene: Scene) -> list[str]:

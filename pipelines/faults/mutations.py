@@ -311,7 +311,7 @@ def growing(bench: Bench) -> dict[str, Path]:
     run = bench.clear("solve")
 
     def stop() -> None:
-        from ppmc.solver.simulation import Simulation
+        from ppmc.solver.run.simulation import Simulation
 
         real = Simulation._save
 

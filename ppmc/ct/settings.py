@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ppmc.ct import filters
 from ppmc.errors import SceneError
-from ppmc.scene.ct import CtSection
+from ppmc.scene.sections.ct import CtSection
 
 Triple = tuple[float, float, float]
 Three = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]

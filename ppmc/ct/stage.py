@@ -25,12 +25,12 @@ from ppmc.ct.tiles import MIB, Tiling, tiling
 from ppmc.errors import InputFileError, SceneError
 from ppmc.files import FIELDS, Claim, Provenance, VoxelGrid, VoxelWriter, check_output, is_product, one_writer
 from ppmc.progress import Progress
-from ppmc.scene.ct import VolumeSource
 from ppmc.scene.depends import of_ct, of_phantom
+from ppmc.scene.sections.ct import VolumeSource
 
 if TYPE_CHECKING:
     from ppmc.scene import Scene
-    from ppmc.scene.ct import CtSection
+    from ppmc.scene.sections.ct import CtSection
 
 Keep = Callable[[Fields, Box], None]
 JOB_THREADS = 4

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ppmc.solver.time_step import fit_to_times, proposed_step
+from ppmc.solver.step.time_step import fit_to_times, proposed_step
 from tests.solver.scenes import make_squeeze
 
 
