@@ -143,14 +143,23 @@ class Bench:
         only = [] if stage == WHOLE_CHAIN else ["--only", stage]
         return ["run", "scene.yaml", "--workdir", "run", *only]
 
+    def command(self, stage: str) -> list[str]:
+        """Return the command line of a stage in an interpreter of its own."""
+        return [*PPMC, *self.arguments(stage)]
+
+    def product(self, stage: str) -> str:
+        """Return the name of the file that a stage makes last."""
+        return f"{PRODUCTS.get(stage, 'analysis')}.vtkhdf"
+
     def start(self, stage: str, prepare: Callable[[], None] | None = None, held: bool = False) -> Job:
         """Start a stage in a fork."""
         return Job(self.arguments(stage), self.folder, prepare, held)
 
-    def process(self, stage: str, **streams: int) -> subprocess.Popen[str]:
+    def process(self, stage: str) -> subprocess.Popen[str]:
         """Start a stage in an interpreter of its own."""
-        given = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, **streams}
-        return subprocess.Popen([*PPMC, *self.arguments(stage)], cwd=self.folder, text=True, **given)  # type: ignore[call-overload, no-any-return]
+        return subprocess.Popen(
+            self.command(stage), cwd=self.folder, text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+        )
 
     def finish(self, stage: str) -> str:
         """Run a stage to its end and return what is wrong with the result, empty if nothing is."""
@@ -165,8 +174,7 @@ class Bench:
             return f"left behind: {left[:3]}"
         if other := [name for name in found if self.whole.get(name) != found[name]]:
             return f"other bytes than an unbroken run: {sorted(other)[:3]}"
-        name = f"{PRODUCTS.get(stage, 'analysis')}.vtkhdf"
-        return "" if name in found else f"no {name}"
+        return "" if self.product(stage) in found else f"no {self.product(stage)}"
 
 
 def _run_here(folder: Path) -> None:
