@@ -161,7 +161,7 @@ def run(
             InputFile(name, kind, digest, origin)
             for (name, digest), kind, origin in zip_longest(own.inputs.items(), kinds, origins)
         ]
-        keep = [*depends.inputs, *scene.named_files(), scene.file]
+        keep = [*depends.inputs, *scene.every_named_file()]
         write_results(scene, section, results, pictures, inputs, own, output, mapped, keep=keep, force=force)
         bar.update(6, "report")
     return output

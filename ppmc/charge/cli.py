@@ -70,7 +70,7 @@ def charge(
 
         written = run(loaded, input=input, output=output, volume=volume, force=force)
         print("\n".join(lines(written)))
-        keep = [*loaded.named_files(), loaded.file]
+        keep = loaded.every_named_file()
         for path in export or []:
             print(f"  exported {export_charge(written, path, keep=keep, force=force)}")
         if pictures is not None:

@@ -206,7 +206,7 @@ def draw(scene: Scene, charge: Path, folder: Path, *, force: bool = False) -> li
     clearance = (lambda points: tools.clearance(points)[0]) if tools is not None else None
     space = space_of(particles, tools)
 
-    inputs = [charge, *scene.named_files(), scene.file]
+    inputs = [charge, *scene.every_named_file()]
     top, cut, in_tool = (folder / f"charge_{name}.png" for name in ("top", "cut", "in_tool"))
     with marked_file(top, inputs, force=force) as temporary:
         draw_top_view(particles, temporary, view)

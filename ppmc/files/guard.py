@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ppmc.errors import InputFileError
 from ppmc.files.digests import DIGESTS, LENGTH, MANIFEST, BlockCheck, digest, manifest
 from ppmc.files.fields import FIELDS, MADE_BY, SCHEMA_VERSION, Field
-from ppmc.files.text import attribute
+from ppmc.files.text import attribute, numbers
 
 UNIT_TOLERANCE = 1e-3
 ORTHOGONAL_TOLERANCE = 5e-3
@@ -154,7 +154,7 @@ def _check_schema(file: h5py.File, path: Path, product: str | None) -> None:
         raise InputFileError(
             f"{path}: holds '{schema}', but '{product}' is needed here; make one with '{MADE_BY.get(product, product)}'"
         )
-    version = tuple(int(v) for v in np.atleast_1d(group.attrs.get("schema_version", (0,))))
+    version = tuple(numbers(group, "schema_version").tolist())
     if version[0] != SCHEMA_VERSION[0]:
         raise InputFileError(
             f"{path}: /ppmc.schema_version is {version}, this ppmc reads {SCHEMA_VERSION}; install a matching ppmc"
@@ -258,7 +258,7 @@ def block_check(file: h5py.File, name: str, path: Path) -> BlockCheck:
         return BlockCheck(data, None, data.shape)
     where = f"{DIGESTS}/{name}"
     found = read_whole(file, where, path)
-    block = tuple(int(b) for b in np.atleast_1d(file[where].attrs.get("block", ())))
+    block = tuple(int(b) for b in numbers(file[where], "block"))
     fits = len(block) == data.ndim and min(block, default=0) > 0 and found.dtype == np.uint8
     if not fits or found.shape != (*(-(-n // b) for n, b in zip(data.shape, block, strict=True)), LENGTH):
         raise InputFileError(f"{path}: /{where} does not fit {data.name}; {UNLIKE}")

@@ -230,8 +230,8 @@ def remove_leftovers(folder: Path, name: str = "*") -> None:
         patterns: tuple[str, ...] = (".*.tmp",)
     else:
         stem = _escaped(Path(name).stem)
-        growing = (f"{stem}.partial", f"{stem}.checkpoint-?.h5ckpt", f"{stem}.crash.h5ckpt")
-        patterns = tuple(f".{each}.*.tmp" for each in (_escaped(name), *growing))
+        beside = ("partial", "checkpoint-?.h5ckpt", "crash.h5ckpt", "steps.csv")
+        patterns = tuple(f".{each}.*.tmp" for each in (_escaped(name), *(f"{stem}.{end}" for end in beside)))
     for left in (found for pattern in patterns for found in folder.glob(pattern)):
         if left.is_dir():
             shutil.rmtree(left, ignore_errors=True)

@@ -83,7 +83,7 @@ def _closure(plan: Plan, idle: list[str]) -> str:
     if plan.speed == 0.0:
         return "no tool moves: nothing drives the flow"
     if idle:
-        return f"tools move at {plan.speed:.4g} mm/s, but not all press on the charge; {plan.layers} layers of particles"
+        return f"tools move at {plan.speed:.4g} mm/s, not all to press on the charge; {plan.layers} layers of particles"
     return (
         f"tools close at {plan.speed:.4g} mm/s on {plan.thickness:.4g} mm of charge, {plan.rate:.3g} 1/s at the start; "
         f"{plan.layers} layers of particles"
