@@ -5,6 +5,7 @@ from pathlib import Path
 from ppmc.announce import announce
 from ppmc.errors import SceneError
 from ppmc.files import Claim, Provenance, check_output, is_product, one_writer, read_particles
+from ppmc.files.storage import is_text_with
 from ppmc.files.verdict import verdict_of
 from ppmc.scene import Scene
 from ppmc.scene.depends import FLOW_SECTIONS, of_flow
@@ -60,6 +61,8 @@ def run(
     """
     from ppmc.geometry.tools.checks import idle_tools
     from ppmc.solver.run.charge_checks import check_charge
+    from ppmc.solver.run.checkpoint import checkpoint_paths, crash_path
+    from ppmc.solver.run.history import FIRST_COLUMNS, table_path
     from ppmc.solver.run.setup import check_room, prepare, spacing_of
     from ppmc.solver.run.simulation import Simulation
     from ppmc.solver.step.spread import check_layers
@@ -70,7 +73,11 @@ def run(
         raise SceneError(f"the wall-clock limit must be positive, not {max_walltime} s")
     charge = read_particles(input, "charge")
     depends = of_flow(scene, input)
-    check_output(output, [*depends.inputs, scene.file], is_own=is_product("flow"), force=force)
+    kept = [*depends.inputs, scene.file]
+    check_output(output, kept, is_own=is_product("flow"), force=force)
+    for path in (*checkpoint_paths(output), crash_path(output)):
+        check_output(path, kept, is_own=is_product("checkpoint"), force=force)
+    check_output(table_path(output), kept, is_own=is_text_with(FIRST_COLUMNS), force=force)
     model, state = prepare(scene, charge)
     check_charge(charge, spacing_of(charge), input)
     check_room(model, charge, input)

@@ -13,10 +13,10 @@ from ppmc.files.verdict import KEY
 from ppmc.progress import Progress
 from ppmc.solver.particles.state import ParticleState
 from ppmc.solver.run import verdict
-from ppmc.solver.run.checkpoint import Checkpoint, remove_checkpoints, save_checkpoint
+from ppmc.solver.run.checkpoint import Checkpoint, crash_path, remove_checkpoints, save_checkpoint
 from ppmc.solver.run.coverage import Coverage, least_force, touching
 from ppmc.solver.run.frames import Snapshot, field_names, frame
-from ppmc.solver.run.history import History, StepMeasures
+from ppmc.solver.run.history import History, StepMeasures, table_path
 from ppmc.solver.run.resume import constants_of, where_to_go_on
 from ppmc.solver.run.stop_requests import StopRequests
 from ppmc.solver.step.explicit import ExplicitIntegrator
@@ -102,7 +102,7 @@ class Simulation:
         return self.output
 
     def _open(self, resume: bool) -> None:
-        table = self.output.with_name(f"{self.output.stem}.steps.csv")
+        table = table_path(self.output)
         names = self.model.walls.tools.names
         going_on = where_to_go_on(self.output, self.model, self.provenance) if resume else None
         if going_on is None:
@@ -230,7 +230,7 @@ class Simulation:
         return np.asarray(velocities + walls.forced.velocities(dt))
 
     def _dump(self) -> Path:
-        path = self.output.with_name(f"{self.output.stem}.crash.h5ckpt")
+        path = crash_path(self.output)
         write_state(path, self.state.arrays(), {"time": self.time}, provenance=self.provenance)
         return path
 
