@@ -21,6 +21,7 @@ from ppmc.ct import sides
 from ppmc.ct.block import EMPTY, Box, Coarse, Floats, Reference, TensorStream
 from ppmc.ct.combine import BUFFERS, orient_planes
 from ppmc.ct.eigen import CHUNK, scratch
+from ppmc.ct.follow import STEP, weights_along
 from ppmc.ct.layout import reused
 from ppmc.ct.noise import independent_samples, tilting_part
 from ppmc.ct.normals import Cells
@@ -154,6 +155,8 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
     if job.noise is not None:
         least_energy = max(least_energy, ENERGY_OVER_NOISE * float(job.noise[:3].sum()))
     inverse_h = (1.0 / np.array(job.spacing)).astype(np.float32)
+    along = (STEP * min(job.spacing) * inverse_h).astype(np.float32)
+    weights = weights_along() if job.chosen.follow else EMPTY
     samples = independent_samples(job.chosen)
     flat = tuple(fields[name].reshape(-1) for name in FIELD_NAMES)
     ny = stream.counts[1]
@@ -165,6 +168,7 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
     scores = reused("scores", most * size + CHUNK * apart) if halo else EMPTY
     inside, rows, columns = (_within(span, n) for span, n in zip(voxels, job.volume.shape, strict=True))
     buffers, score_buffers = scratch(*BUFFERS), scratch(*sides.BUFFERS)
+    places = (np.zeros(CHUNK, np.int64), np.zeros(CHUNK, np.int64))
     have = (0, 0)
     for first in range(0, oz, batch):
         last = min(first + batch, oz)
@@ -190,9 +194,10 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
             lower, share, near = coarse.at(outputs, k)
         orient_planes(
             slab, scores, (ny, stream.pitch, stream.channels), np.full(3, halo), apart, inverse_h,
-            job.chosen.side_steps, near.reshape(-1), (near.shape[0], near.shape[1], near.shape[3]), lower, share,
+            job.chosen.side_steps, along, weights, job.chosen.planar, near.reshape(-1), (near.shape[0], near.shape[1], near.shape[3]), lower, share,
             np.float32(scale), np.float32(scale * least_energy), np.float32(job.least_confidence), samples,
             (last - first, oy, ox), first * oy * ox, *flat, buffers,
+            places,
         )  # fmt: skip
 
 

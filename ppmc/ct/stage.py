@@ -19,6 +19,7 @@ from ppmc.ct.phantom import Phantom
 from ppmc.ct.registration import registered
 from ppmc.ct.segment import mask_reader, specimen_mask
 from ppmc.ct.settings import settings
+from ppmc.ct.signal import signal_of
 from ppmc.ct.source import Volume, open_volume
 from ppmc.ct.suggest import advise
 from ppmc.ct.tiles import MIB, Tiling, tiling
@@ -276,9 +277,9 @@ def plan(scene: Scene, volume: Volume) -> Job:
     """Work out filters, windows and units for a volume."""
     section: CtSection = scene.require("ct")
     spacing = _spacing(scene, volume)
-    chosen = settings(section, spacing, volume.shape, _thickness(scene))
     reference = grey_reference(volume)
     level = noise_level(volume) if section.noise_level is None else section.noise_level
+    chosen = settings(section, spacing, volume.shape, _thickness(scene), signal_of(volume, spacing, level))
     return Job(
         volume=volume,
         spacing=spacing,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from ppmc.ct.block import Box
 from ppmc.ct.eigen import CHUNK
+from ppmc.ct.follow import REACH
 from ppmc.ct.layout import row_pitch
 from ppmc.ct.settings import Settings
 from ppmc.ct.steered import TURN
@@ -54,6 +55,8 @@ class Tiling:
 
 def side_halo(chosen: Settings) -> int:
     """Return how many tensors beyond the outputs displaced windows look at."""
+    if chosen.follow:
+        return REACH
     return chosen.side_steps + 1 if chosen.side_steps else 0
 
 
