@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, R9, R10, R11, WORK, solve
-from ppmc.ct.follow import blend_along
+from ppmc.ct.follow import blend_along, load_packed
 from ppmc.ct.passes import entry, kernel
 from ppmc.ct.sides import blend_sides, load, press_flat
 from ppmc.ct.steer import interpolate
@@ -151,17 +151,17 @@ def _judge(frame, least_energy, least_confidence, valid, first, n):
 def orient_planes(
     tensors, scores, shape, corner, step, inverse_h, side_steps, along, weights_along, planar, coarse, coarse_shape,
     lower, share, scale, least_energy, least_confidence, samples, out_shape, first, fibre, normal, values, confidence,
-    planarity, predicted, valid, buffers, places,
+    planarity, predicted, valid, buffers,
 ):  # fmt: skip
     """Turn planes of tensors into orientations.
 
     Parameters
     ----------
     tensors : (nz * channels * ny * pitch,) float32
-        Tensors of the small window; if ``side_steps`` is above 0 at every voxel, up to one more than that outside; if
-        windows follow the fibre up to :data:`ppmc.ct.follow.REACH` outside.
+        Tensors of the small window; if ``side_steps`` is above 0 at every voxel, up to one more than that outside. If
+        windows follow the fibre, as :func:`ppmc.ct.follow.pack_planes` leaves them, up to its ``REACH`` outside.
     scores : (nz * ny * pitch,) float32, or empty
-        Their least eigenvalues (see :func:`ppmc.ct.sides.score_planes`); needed if windows are displaced.
+        Their least eigenvalues (see :func:`ppmc.ct.sides.score_planes`); needed if ``side_steps`` is above 0.
     shape : three ints
         ny, pitch, channels of ``tensors``; finite numbers for a further chunk must follow.
     corner, step : (3,) int64 (x, y, z), int
@@ -193,30 +193,28 @@ def orient_planes(
         Filled; ``valid`` keeps zeros it has on entry.
     buffers : tuple of arrays
         :func:`~ppmc.ct.eigen.scratch` of ``BUFFERS`` rows.
-    places : two (CHUNK,) int64 arrays
-        To work on.
     """
     oz, oy, ox = out_shape
     ny, pitch, channels = shape
     cz, cy, cx = coarse_shape
     two_scales = coarse.shape[0] > 0
     follows = weights_along.shape[0] > 0
-    there, scored = places
     best, blended, small, large, work, frame, aim, one, other, floor, better, total, press = buffers
-    for k in range(oz):
-        z = corner[2] + k * step
+    # a stretch of a few rows through all planes: the windows that its voxels look at stay in a near cache
+    for i in range(0, ox, CHUNK):
+        n = min(CHUNK, ox - i)
+        x = corner[0] + i * step
         for j in range(oy):
             y = corner[1] + j * step
-            for i in range(0, ox, CHUNK):
-                n = min(CHUNK, ox - i)
-                x = corner[0] + i * step
-                load(tensors, (z * channels * ny + y) * pitch + x, ny * pitch, step, n, best)
+            for k in range(oz):
+                z = corner[2] + k * step
                 if follows:
+                    middle = (z * ny + y) * pitch + x
+                    load_packed(tensors, middle, step, n, best)
                     solve(best, work, small)
-                    blend_along(
-                        tensors, scores, small, along, weights_along, x, step, n, y, z, ny, pitch, channels, there,
-                        scored, one, other, floor, better, total, best,
-                    )  # fmt: skip
+                    blend_along(tensors, middle, step, n, pitch, ny * pitch, small, along, weights_along, best)
+                else:
+                    load(tensors, (z * channels * ny + y) * pitch + x, ny * pitch, step, n, best)
                 if two_scales:
                     k0, j0 = lower[0][k], lower[1][j]
                     k1, j1 = min(k0 + 1, cz - 1), min(j0 + 1, cy - 1)

@@ -28,8 +28,9 @@ over which is averaged in turn, and standard deviation of the round window befor
 ROUND, FOLLOWING = 2.0, 1.5
 """Standard deviation of the round window for p where no platelets are known, in those of the derivative: one window
 that must do alone, and windows that follow the fibre, which together hold more."""
-NOISY = 0.4
-"""How much larger that is, per energy of noise over that of the signal in the gradients."""
+NOISY, WIDEST = 0.25, 2.0
+"""How much larger that is, per energy of noise over that of the signal in the gradients; and how many times larger it
+may be, lest there be no gradient within it, where what is seen is coarse."""
 NORMAL_VOXELS, NORMAL_THICKNESSES = 8.0, 1.3
 """Standard deviation of the window for r: the larger of so many voxels and so many platelet thicknesses."""
 
@@ -139,7 +140,7 @@ def settings(
             f"ct: sigma is {sigma:.4g} mm, finer than half a voxel ({h.max():.4g} mm); "
             f"use at least {FINEST_SIGMA * h.max():.4g} mm"
         )
-    window = FINE * h if steering else _fibre_window(section, sigma, signal, follow)
+    window = FINE * h if steering else _fibre_window(section, sigma, float(h.min()), signal, follow)
     fibre = _widths(steering, window) if steering else window
     if follow:
         fibre = np.array([math.hypot(float(window[0]), math.sqrt(variance_along()) * float(h.min())), *window[1:]])
@@ -181,11 +182,12 @@ def settings(
     )
 
 
-def _fibre_window(section: CtSection, sigma: float, signal: Signal, follow: bool) -> NDArray[np.float64]:
+def _fibre_window(section: CtSection, sigma: float, finest: float, signal: Signal, follow: bool) -> NDArray[np.float64]:
     """Return the window for p along the axes: what is asked for, else round."""
     window = section.fibre_window
     if window is None:
-        return np.full(3, ((FOLLOWING if follow else ROUND) + NOISY * min(signal.odds, 1.0)) * sigma)
+        fine = sigma * (1.0 + NOISY * min(signal.odds, 1.0))
+        return np.full(3, (FOLLOWING if follow else ROUND) * max(fine, min(signal.scale * finest, WIDEST * sigma)))
     return np.array(window if isinstance(window, tuple) else (window,) * 3)
 
 

@@ -18,11 +18,15 @@ from ppmc.ct.source import Volume
 MOST_NOISE = 0.5
 """Noise's share of the gradients' energy, over the signal's, up to which a derivative is fine enough: with more, the
 directions of rods seen through noise are worse than after more smoothing, whatever the rods' diameter."""
-LEAST_SIGNAL = 0.4
-"""Share of the signal's energy at the finest derivative that must be left: beyond that details as fine as the rods
-themselves are smoothed away, and neighbours mix."""
-LEAST, MOST, STEPS = 1.0, 2.5, 13
+SCALE_SLOPE = 2.0
+"""The energy of gradients falls with this power of the smoothing once it is as coarse as what it smooths: about half of
+the radius of rods; with the first power before, as long as edges lie apart."""
+COARSEST = 1.3
+"""Coarsest derivative, in that scale, however strong the noise: beyond it neighbours mix."""
+LEAST, MOST, STEPS = 1.0, 3.0, 21
 """Standard deviations of the derivatives that are considered, voxels, and their number."""
+BINS = 2048
+"""Bins of squared wave numbers."""
 
 
 @dataclass(frozen=True)
@@ -35,14 +39,17 @@ class Signal:
         Finest standard deviation of the derivative that sees enough signal, voxels of the smallest edge.
     odds : float
         Energy of noise in its gradients over that of the signal.
+    scale : float
+        Smoothing that is as coarse as what is seen, voxels of the smallest edge: about half of a rod's radius.
     """
 
     sigma: float = LEAST
     odds: float = 0.0
+    scale: float = LEAST
 
 
 def signal_of(volume: Volume, spacing: tuple[float, float, float], level: float) -> Signal:
-    """Return the finest derivative in whose gradients noise of a standard deviation ``level`` is weak enough.
+    """Return the scale of what a volume shows, and the finest derivative in which noise is weak enough.
 
     Parameters
     ----------
@@ -53,8 +60,6 @@ def signal_of(volume: Volume, spacing: tuple[float, float, float], level: float)
     level : float
         Standard deviation of the noise, grey values.
     """
-    if level <= 0.0:
-        return Signal()
     sigmas = np.linspace(LEAST, MOST, STEPS)
     total = noise = np.zeros(STEPS)
     for values in blocks_of(volume):
@@ -64,12 +69,18 @@ def signal_of(volume: Volume, spacing: tuple[float, float, float], level: float)
 
 
 def choose(sigmas: NDArray[np.float64], total: NDArray[np.float64], noise: NDArray[np.float64]) -> Signal:
-    """Return the finest of some derivatives in which noise is weak enough, or the last that leaves enough signal."""
-    signal = np.maximum(total - noise, 1e-3 * noise + 1e-30)
+    """Return the finest of some derivatives in which noise is weak enough, or the last that is not too coarse."""
+    if total[0] <= 0.0:
+        return Signal()
+    signal = np.maximum(total - noise, 1e-3 * total)
     odds = noise / signal
-    enough = (odds <= MOST_NOISE) | (np.append(signal[1:], 0.0) < LEAST_SIGNAL * signal[0])
-    k = int(np.argmax(enough))
-    return Signal(float(sigmas[k]), float(odds[k]))
+    slope = -np.gradient(np.log(signal), np.log(sigmas))
+    steep = np.flatnonzero(slope >= SCALE_SLOPE)
+    scale = float(sigmas[steep[0]] if steep.size else sigmas[-1])
+    allowed = sigmas <= max(COARSEST * scale, sigmas[0])
+    good = np.flatnonzero(allowed & (odds <= MOST_NOISE))
+    k = int(good[0]) if good.size else int(np.flatnonzero(allowed)[-1])
+    return Signal(float(sigmas[k]), float(odds[k]), scale)
 
 
 def gradient_energy(
@@ -86,5 +97,8 @@ def gradient_energy(
     wave = (2.0 * np.pi) ** 2 * (z * z + y * y + x * x)
     # of waves in x only those of one sign are there
     weight = wave * np.where((x > 0) & (2 * x * spacing[0] < 1.0), 2.0, 1.0)
-    passed = [weight * np.exp(-(s**2) * wave) for s in sigmas]
-    return np.array([(p * power).sum() for p in passed]), np.array([p.sum() for p in passed])
+    bins = (wave * ((BINS - 1) / wave.max())).astype(np.int64).ravel()
+    count = np.maximum(np.bincount(bins, minlength=BINS), 1)
+    passed = np.exp(-np.outer(np.square(sigmas), np.bincount(bins, wave.ravel(), BINS) / count))
+    energy, white = (np.bincount(bins, part.ravel(), BINS) for part in (weight * power, weight))
+    return np.asarray(passed @ energy), np.asarray(passed @ white)
