@@ -128,6 +128,8 @@ def settings(
     """
     h = np.array(spacing)
     extent = h * shape[::-1]
+    if thickness is not None:
+        _check_thickness(thickness, spacing, extent)
     follows = section.normals if section.follow is None else section.follow
     free = section.fibre_window is None and follows
     steering = _steering(h) if free and thickness is not None else None
@@ -180,6 +182,26 @@ def settings(
         follow=follow,
         planar=thickness is not None,
     )
+
+
+def _check_thickness(thickness: float, spacing: Triple, extent: NDArray[np.float64]) -> None:
+    """Refuse a platelet thickness that cannot be one in this volume."""
+    if thickness >= extent.max():
+        raise SceneError(
+            f"ct: platelet_thickness is {thickness:.4g} mm, but the whole volume measures "
+            f"{' x '.join(f'{e:.4g}' for e in extent)} mm (x, y, z) with voxels of {_size(spacing)} mm; "
+            "give the unit of the length, such as '140 um', or correct the voxel size"
+        )
+    if thickness < min(spacing):
+        raise SceneError(
+            f"ct: platelet_thickness is {thickness:.4g} mm, less than a voxel of {_size(spacing)} mm: such platelets "
+            "are not seen; correct the length or the voxel size, or leave the thickness out"
+        )
+
+
+def _size(spacing: Triple) -> str:
+    """Return a voxel's size as text."""
+    return f"{spacing[0]:.4g}" if len(set(spacing)) == 1 else " x ".join(f"{h:.4g}" for h in spacing)
 
 
 def _fibre_window(section: CtSection, sigma: float, finest: float, signal: Signal, follow: bool) -> NDArray[np.float64]:

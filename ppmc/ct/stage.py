@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ppmc.ct.block import Box
+from ppmc.ct.field_of_view import field_of_view
+from ppmc.ct.floor import gradient_floor, raised
 from ppmc.ct.noise import noise_level, noise_tensor
 from ppmc.ct.orientations import FIELD_NAMES, Job, cells_of, compute_tiles, grey_reference, threads_of
 from ppmc.ct.parts import Fields, Parts
@@ -25,6 +27,7 @@ from ppmc.ct.suggest import advise
 from ppmc.ct.tiles import MIB, Tiling, tiling
 from ppmc.errors import InputFileError, SceneError
 from ppmc.files import FIELDS, Claim, Provenance, VoxelGrid, VoxelWriter, check_output, is_product, one_writer
+from ppmc.notices import notice
 from ppmc.progress import Progress
 from ppmc.scene.ct import VolumeSource
 from ppmc.scene.depends import of_ct, of_phantom
@@ -238,7 +241,21 @@ def opened(scene: Scene, path: Path, mask_path: Path | None) -> Iterator[Volume]
         elif section.mask is not None and section.mask.segment:
             found, cell = specimen_mask(volume, exclude_voids=section.mask.exclude_voids)
             volume = volume.within(mask_reader(found, cell))
+        elif volume.read_mask is None and (section.mask is None or section.mask.field_of_view):
+            volume = _within_field_of_view(volume)
         yield volume
+
+
+def _within_field_of_view(volume: Volume) -> Volume:
+    """Leave out what lies around a round field of view, and say so: its rim would be taken for the strongest texture."""
+    seen = field_of_view(volume)
+    if seen is None:
+        return volume
+    notice(
+        f"{volume.path}: every voxel beyond {seen.radius:.0f} voxels of x = {seen.middle[1]:.0f}, y = {seen.middle[0]:.0f} "
+        f"is {seen.fill:g}: a round field of view; what is outside is left out (ct: mask: {{field_of_view: false}} keeps it)"
+    )
+    return seen.reader(volume)
 
 
 def suggest(scene: Scene, *, input: Path | None = None) -> list[str]:
@@ -279,7 +296,13 @@ def plan(scene: Scene, volume: Volume) -> Job:
     spacing = _spacing(scene, volume)
     reference = grey_reference(volume)
     level = noise_level(volume) if section.noise_level is None else section.noise_level
-    chosen = settings(section, spacing, volume.shape, _thickness(scene), signal_of(volume, spacing, level))
+    signal = signal_of(volume, spacing, level)
+    chosen = settings(section, spacing, volume.shape, _thickness(scene), signal)
+    noise = None
+    if section.correct_noise:
+        noise = noise_tensor(chosen, level / reference.unit)
+        if section.noise_level is None:
+            noise = raised(noise, gradient_floor(volume, spacing, chosen, reference, signal.scale))
     return Job(
         volume=volume,
         spacing=spacing,
@@ -287,7 +310,7 @@ def plan(scene: Scene, volume: Volume) -> Job:
         reference=reference,
         stride=section.stride,
         least_confidence=section.least_confidence,
-        noise=noise_tensor(chosen, level / reference.unit) if section.correct_noise else None,
+        noise=noise,
     )
 
 

@@ -88,6 +88,10 @@ class MaskSection(Section):
     exclude_voids: bool = False
     """With ``segment``: leave out dark voids inside the specimen too."""
 
+    field_of_view: bool = True
+    """Leave out what lies around a round field of view that is filled with one value; only where there is no other
+    mask."""
+
     @model_validator(mode="after")
     def _is_one_way(self) -> Self:
         if self.path is not None and self.segment:
