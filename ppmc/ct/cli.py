@@ -71,7 +71,13 @@ def ct(
         return
     share = share_of(part) if part else None
     written = stage.run(
-        loaded, input=input, output=output or paths.orientations, resume=resume, part=share, force=force
+        loaded,
+        input=input,
+        output=output or paths.orientations,
+        resume=resume,
+        part=share,
+        force=force,
+        tell=print,
     )
     print(written)
     if figures is not None and share is None:

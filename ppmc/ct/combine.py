@@ -1,8 +1,9 @@
 """From tensors to orientations: p, r, and how certain they are.
 
 p is the direction of least gradient in its own small window, or in those least disturbed among several (see
-:mod:`ppmc.ct.follow` and :mod:`ppmc.ct.sides`). r comes from a larger window. Where there are platelets, a doubtful p is
-kept in the plane orthogonal to it; nothing else pulls p anywhere. In the end r is made orthogonal to p. Kernels work on a chunk of voxels of a row (see :mod:`ppmc.ct.eigen`).
+:mod:`ppmc.ct.follow` and :mod:`ppmc.ct.sides`). r comes from a larger window. Where there are platelets, a doubtful p
+is kept in the plane orthogonal to it; nothing else pulls p anywhere. In the end r is made orthogonal to p. Kernels work
+on a chunk of voxels of a row (see :mod:`ppmc.ct.eigen`).
 """
 
 # Kernels take arrays and scalars only; numba infers their types.

@@ -205,9 +205,10 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
             lower, share, near = coarse.at(outputs, k)
         orient_planes(
             packed if follow else slab, scores, (ny, stream.pitch, stream.channels), np.full(3, halo), apart, inverse_h,
-            job.chosen.side_steps, along, weights, job.chosen.planar, near.reshape(-1), (near.shape[0], near.shape[1], near.shape[3]), lower, share,
-            np.float32(scale), np.float32(scale * least_energy), np.float32(job.least_confidence), samples,
-            (last - first, oy, ox), first * oy * ox, *flat, buffers,
+            job.chosen.side_steps, along, weights, job.chosen.planar, near.reshape(-1),
+            (near.shape[0], near.shape[1], near.shape[3]), lower, share, np.float32(scale),
+            np.float32(scale * least_energy), np.float32(job.least_confidence), samples, (last - first, oy, ox),
+            first * oy * ox, *flat, buffers,
         )  # fmt: skip
 
 

@@ -86,10 +86,13 @@ def errors(fields, fibre):
 )  # fmt: skip
 def test_rods(request, in_memory, phantom, noise, median, most):
     grey, fibre = request.getfixturevalue(phantom)
-    got = errors(found(in_memory(recorded(grey, noise))), fibre)
+    fields = found(in_memory(recorded(grey, noise)))
+    got = errors(fields, fibre)
     assert got[0] < median
     assert got[1] < most
     assert got[2] < (0.01 if noise < 1 else 0.03)
+    if noise > 0:
+        assert 1 / 1.5 < np.median(fields["predicted_error"][(fibre != 0).any(axis=-1)]) / got[0] < 1.5
 
 
 def test_without_a_platelet_thickness_nothing_pulls_p_into_a_plane(in_memory, thin):
