@@ -75,9 +75,9 @@ def ct(
     from ppmc.files.lock import Claim, locked
 
     with locked([Claim(output, shared=share is not None)]):
-        from ppmc.ct.stage import run
+        from ppmc.ct import stage
 
-        written = run(loaded, input=input, output=output, resume=resume, part=share, force=force)
+        written = stage.run(loaded, input=input, output=output, resume=resume, part=share, force=force, tell=print)
     print(written)
     if figures is not None and share is None:
         from ppmc.ct.figures import draw
