@@ -107,3 +107,10 @@ def test_no_module_imports_numba_except_by_the_door() -> None:
         if path.name != "compile_cache.py":
             direct = [m for m in imports(path) if m.split(".")[0] == "numba"]
             assert not direct, f"{path.relative_to(ROOT)}: use ppmc.compile_cache"
+
+
+@pytest.mark.parametrize("part", ROOMS)
+def test_the_page_on_architecture_names_the_rooms_in_their_order(part: str) -> None:
+    page = (ROOT.parent / "docs" / "architecture.md").read_text(encoding="utf-8")
+    row = next(line for line in page.splitlines() if line.startswith(f"| `{part}` |"))
+    assert row.split("|")[2].replace("`", "").replace(" ", "").split(",") == list(ROOMS[part])
