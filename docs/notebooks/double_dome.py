@@ -31,9 +31,9 @@ import numpy as np
 
 from ppmc.analysis.averages.local import local_frames, localise, material_normals, turned_to
 from ppmc.analysis.averages.paths import swept_path
-from ppmc.analysis.averages.samples import Samples
 from ppmc.analysis.explore import path_averages, path_figure, read_samples, scene_paths
 from ppmc.orientation import push_affine
+from ppmc.particles import Particles
 
 flow_file = os.environ.get("PPMC_DOME_FLOW")
 if flow_file:
@@ -76,8 +76,8 @@ p0 = np.cos(angle)[:, None] * frames[:, 0] + np.sin(angle)[:, None] * frames[:, 
 stretch = 7 / 3
 F = np.einsum("nai,a,naj->nij", frames, np.array([stretch, 1.0, 1 / stretch]), frames)
 position = np.column_stack([across, 0 * s, rng.uniform(-75, 75, count)])
-charge = Samples("charge", position, np.ones(count), p0, normal)
-moulded = Samples("stretched by 7/3", position, np.ones(count), push_affine(p0, F), normal)
+charge = Particles("charge", position, np.ones(count), p0, normal)
+moulded = Particles("stretched by 7/3", position, np.ones(count), push_affine(p0, F), normal)
 
 # %% [markdown]
 # ## Global components (D Fig 9): the walls look strange

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +110,35 @@ def open_series(path: Path, product: str) -> Iterator[SeriesFile]:
         return
     with ExitStack() as stack:
         yield _sealed(stack.enter_context(open_guarded(path, product)), path, product)
+
+
+def load_series(path: Path, product: str) -> SeriesFile:
+    """Return a flow history or an analysis that stays of use: each frame opens the file for itself.
+
+    Raises
+    ------
+    InputFileError
+        As `open_series`; and on taking a frame, if the file is no longer the one that was read.
+    """
+    path = Path(path)
+    with open_series(path, product) as series:
+        if path.is_dir():
+            return series
+        first = _mark(path)
+
+        def read(k: int, name: str) -> NDArray[Any]:
+            if not path.is_file() or _mark(path) != first:
+                raise InputFileError(f"{path}: is not the file any more that was read; read it again")
+            with open_series(path, product) as again:
+                return again._read(k, name)
+
+        return replace(series, _read=read)
+
+
+def _mark(path: Path) -> tuple[int, int, int]:
+    """Return what changes when another file takes a name."""
+    found = path.stat()
+    return found.st_ino, found.st_size, found.st_mtime_ns
 
 
 def _growing(path: Path, product: str) -> SeriesFile:
