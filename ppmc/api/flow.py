@@ -124,7 +124,7 @@ class Flow(Sequence["Particles"]):
 
         history = self.series.history
         first = [name for name in ("time", "step") if name in history]
-        return pd.DataFrame({name: history[name] for name in [*first, *(n for n in history if n not in first)]})
+        return pd.DataFrame({name: history[name] for name in [*first, *sorted(set(history) - set(first))]})
 
     @property
     def tools(self) -> tuple[str, ...]:

@@ -281,6 +281,10 @@ class SeriesWriter:
         steps["PointOffsets"] = begins
         for name in ("CellOffsets", "ConnectivityIdOffsets"):
             steps[name] = np.zeros((count, 4), np.int64)
+        # Viewers that open one frame only, as pyvista.read does with the first, have the times of all beside it.
+        put_attribute(root.create_dataset("FieldData/frame_times", data=steps["Values"][:]), "unit", "s")
+        steps["FieldDataOffsets/frame_times"] = np.zeros(count, np.int64)
+        steps["FieldDataSizes/frame_times"] = np.tile(np.array([1, count], np.int64), (count, 1))
         offsets = steps.create_group("PointDataOffsets")
         for name in root["PointData"]:
             offsets[name] = begins if name in self.names else np.zeros(count, np.int64)

@@ -87,7 +87,7 @@ class MemorySeries:
             complete=self._complete,
             provenance=self.provenance,
             # A copy, as from a file: what is done to it stays with whoever took it.
-            _read=lambda k, name: frames[k][name].copy(),
+            _read=lambda k, names: [frames[k][name].copy() for name in names],
         )
 
 
