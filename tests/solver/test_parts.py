@@ -14,10 +14,12 @@ from ppmc.solver.particles.kernel_shape import (
     follow_lattice,
     full,
     inverse_shape,
+    kernel_of,
     lattice_of,
     limited,
     rearrangement_rate,
     six,
+    swelling,
 )
 from ppmc.solver.particles.neighbours import build_list, list_is_stale, weigh_pairs
 from ppmc.solver.particles.reductions import dot
@@ -130,6 +132,28 @@ def test_packing_is_one_around_a_convex_edge_and_in_closed_corners():
     }
     found = packing(pairs, x, one, shape, 1.3, one, near_walls(x, tools, 2.6)).value
     np.testing.assert_allclose(found, 1.0, atol=0.01)
+
+
+@pytest.mark.parametrize("stretch", [1.0, 3.2, 3.5, 4.0, 10.0])
+def test_free_surfaces_are_told_from_the_inside_whatever_the_stretch(stretch):
+    # Between plates, free on four sides: the outermost row is exposed, the others are not.
+    spacing = np.array([stretch, 1.0, 1.0 / stretch])
+    x = lattice((9, 9, 8)) * spacing
+    lattices = np.tile(lattice_of(spacing), (len(x), 1))
+    kernels = kernel_of(lattices, 4.0)
+    metric, longest = inverse_shape(kernels)
+    pairs = weigh_pairs(build_list(x, 2.7, 0.05, metric, longest), x, 1.3, metric)
+    plates = {
+        "lower": PlaneTool(shape="plane", point=(0, 0, 0), normal=(0, 0, 1)),
+        "upper": PlaneTool(shape="plane", point=(0, 0, 8.0 / stretch), normal=(0, 0, -1)),
+    }
+    one = np.ones(len(x))
+    found = packing(pairs, x, one, metric, 1.3, one, near_walls(x, plates, 2.6 * longest))
+    found.swollen = swelling(kernels, lattices)
+    within = inside(pairs, found, 1.3).reshape(9, 9, 8)
+    assert within[1:-1, 1:-1].all()
+    assert not within[[0, -1]].any()
+    assert not within[:, [0, -1]].any()
 
 
 SPHERE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])

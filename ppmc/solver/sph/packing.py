@@ -56,6 +56,10 @@ INTERIOR = 0.93  # packing above which a particle lies inside the material anyho
 # At a plane surface a lattice reads 0.73 with a fall of 0.28 in its first row and 0.98 with 0.03 in its second; cut
 # across a body diagonal, 0.63 with 0.36 and 0.85 with 0.15, where the fall has to tell that the second is covered.
 EXPOSED_PACKING, EXPOSED_FALL = 0.87, 0.2  # below and above which a particle is exposed
+# The same where a kernel kept within its ratio of axes is swollen as far as it may be: across a surface of the
+# lattice's two shorter axes, or its longest, it sees 0.63 of what the lattice's own would, and rows read 0.86 with a
+# fall of 0.155, and 0.985.
+SWOLLEN_PACKING, SWOLLEN_FALL = 0.92, 0.11
 MOST_EXPOSED = 0.05  # weighted share of exposed neighbours with which a particle still counts as inside
 
 
@@ -68,10 +72,13 @@ class Packing:
     value : ndarray, shape (n,)
     fall : ndarray, shape (n,)
         Change of the packing in half a spacing along its slope, over the packing.
+    swollen : ndarray, shape (n,), or float
+        How far each kernel is swollen against its lattice: 0 for not at all, 1 for as far as it may be.
     """
 
     value: np.ndarray
     fall: np.ndarray
+    swollen: np.ndarray | float = 0.0
 
 
 @dataclass
@@ -141,7 +148,9 @@ def packing(
 
 def inside(pairs: Pairs, found: Packing, smoothing_length: float) -> np.ndarray:
     """Whether each particle lies inside the material, shape (n,): in a loose pocket, too, but at no free surface."""
-    exposed = (found.value < EXPOSED_PACKING) & (found.fall > EXPOSED_FALL)
+    least_packing = EXPOSED_PACKING + (SWOLLEN_PACKING - EXPOSED_PACKING) * found.swollen
+    least_fall = EXPOSED_FALL + (SWOLLEN_FALL - EXPOSED_FALL) * found.swollen
+    exposed = (found.value < least_packing) & (found.fall > least_fall)
     everywhere = np.ones(len(exposed), dtype=bool)
     share = interior_mean(pairs, exposed.astype(np.float64), everywhere, smoothing_length)
     return (found.value > INTERIOR) | (share < MOST_EXPOSED)

@@ -96,7 +96,14 @@ def solve_with_contacts(
         # What flows too slowly to be resolved does not tell what its faces bear.
         flows = float(np.sqrt(np.mean(velocities**2))) > negligible
         added, released, deepest = _changes(
-            model, state, contacts, system, solution, time_step, attempt < last and flows, ROUNDING * stiffness
+            model,
+            state,
+            contacts,
+            system,
+            solution,
+            time_step,
+            attempt < last and flows and rough == 1.0,
+            ROUNDING * stiffness,
         )
         settled = not (added.any() or released.any())
         enough = attempt >= last and (attempt >= last + SPARE_PASSES or deepest < DEEPEST * model.spacing)
