@@ -25,9 +25,10 @@ import os
 
 import numpy as np
 
+import ppmc
 from ppmc.analysis.averages.paths import circle_path
 from ppmc.analysis.averages.regions import box
-from ppmc.analysis.explore import path_averages, path_figure, read_samples, region_frame, scene_paths
+from ppmc.analysis.explore import path_averages, path_figure, region_frame, relabelled, scene_paths
 from ppmc.orientation import push_affine
 from ppmc.particles import Particles
 
@@ -111,7 +112,8 @@ region_frame(after, [box("below", [0, -3, -11], [5, 3, -7]), box("above", [0, -3
 
 # %%
 if flow_file:
-    first, last = read_samples(flow_file, frame=0, label="run"), read_samples(flow_file, label="run")
+    run = ppmc.read(flow_file)
+    first, last = relabelled(run[0], "run"), relabelled(run[-1], "run")
     paths = scene_paths(flow_file)
     rings = [path for path in paths.values() if path.components[1] == "θ"]
     for ring in rings:

@@ -29,9 +29,10 @@ import os
 
 import numpy as np
 
+import ppmc
 from ppmc.analysis.averages.local import local_frames, localise, material_normals, turned_to
 from ppmc.analysis.averages.paths import swept_path
-from ppmc.analysis.explore import path_averages, path_figure, read_samples, scene_paths
+from ppmc.analysis.explore import path_averages, path_figure, relabelled, scene_paths
 from ppmc.orientation import push_affine
 from ppmc.particles import Particles
 
@@ -113,7 +114,8 @@ assert np.nanmax(a.fibre_tensor[:, 2, 2]) < 0.05
 
 # %%
 if flow_file:
-    first, last = read_samples(flow_file, frame=0, label="run"), read_samples(flow_file, label="run")
+    run = ppmc.read(flow_file)
+    first, last = relabelled(run[0], "run"), relabelled(run[-1], "run")
     local_run = next(path for name, path in scene_paths(flow_file).items() if name.endswith("_local"))
     found = path_averages(local_run, last)
     grown = np.ptp(last.positions[:, 2]) / np.ptp(first.positions[:, 2])

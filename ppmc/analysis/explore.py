@@ -1,8 +1,9 @@
-"""Short cuts for notebooks: any ppmc file as samples, the paths of its scene, and path plots in one call.
+"""Short cuts for notebooks: the paths of a file's scene, and path plots in one call.
 
->>> from ppmc.analysis.explore import path_figure, read_samples, scene_paths
->>> start, end = (read_samples("runs/bracket/flow.vtkhdf", frame=k) for k in (0, -1))
->>> path_figure(scene_paths("runs/bracket/flow.vtkhdf")["hole_minus"], start, end)
+>>> import ppmc
+>>> from ppmc.analysis.explore import path_figure, scene_paths
+>>> flow = ppmc.read("runs/bracket/flow.vtkhdf")
+>>> path_figure(scene_paths(flow.path)["hole_minus"], flow[0], flow[-1])
 """
 
 from __future__ import annotations
@@ -18,11 +19,10 @@ from ppmc.analysis.averages.averages import RegionAverages, in_frames, region_av
 from ppmc.analysis.averages.build import build_path, local_path
 from ppmc.analysis.averages.paths import InspectionPath
 from ppmc.analysis.averages.regions import Region
-from ppmc.analysis.averages.sources import charge_source, flow_source, orientations_source, truth_source
+from ppmc.analysis.averages.sources import flow_source
 from ppmc.errors import InputFileError, SceneError
-from ppmc.files import open_series, read_particles, read_voxels
-from ppmc.files.guard import product_of
-from ppmc.particles import Particles, join
+from ppmc.files import open_series
+from ppmc.particles import Particles
 from ppmc.scene import Scene
 from ppmc.scene.sections.analysis import AnalysisSection
 
@@ -31,40 +31,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ppmc.orientation.tensor_ode import TensorModel
-
-
-def read_samples(path: str | Path, frame: int = -1, label: str | None = None) -> Particles:
-    """Read a flow's frame, a charge, voxel orientations or a phantom's truth.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file; its contract is read from it.
-    frame : int
-        Frame of a flow; negative counts from the end.
-    label : str, optional
-        Name in legends; that of the product if left out.
-
-    Raises
-    ------
-    InputFileError
-        If the file is missing, damaged, or carries no directions.
-    """
-    path = Path(path)
-    product = product_of(path)
-    if product == "flow":
-        with open_series(path, "flow") as file:
-            return next(flow_source(file, frame, label or "flow").parts())
-    if product == "charge":
-        return next(charge_source(read_particles(path, "charge"), label or "charge").parts())
-    if product not in ("volume", "orientations"):
-        raise InputFileError(f"{path}: holds '{product}', which carries no directions; give a flow, charge or CT file")
-    with read_voxels(path, product) as voxels:
-        if product == "volume":
-            source = truth_source(voxels, label or "phantom truth")
-        else:
-            source = orientations_source(voxels, label or "CT")
-        return join(list(source.parts()), source.label)
 
 
 def scene_paths(path: str | Path, frame: int = -1) -> dict[str, InspectionPath]:
