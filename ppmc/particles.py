@@ -72,6 +72,10 @@ class Particles:
     def __len__(self) -> int:
         return len(self.positions)
 
+    def __repr__(self) -> str:
+        """Return the points in one line; arrays would fill pages."""
+        return f"Particles({self.title}: {len(self):,} points, {', '.join(self.arrays())})"
+
     def __getattr__(self, name: str) -> np.ndarray:
         """Return a field by its name on disk, a tensor as (n, 3, 3)."""
         fields = self.__dict__.get("fields", {})

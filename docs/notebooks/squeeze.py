@@ -46,5 +46,5 @@ print(f"force {flow.press_force[-1] / force:.3f} of the exact one; verdict {flow
 
 # %%
 assert abs(table["A11"] - table["exact_A11"]).max() < 0.03
-assert abs(flow[-1].A - exact).max() < 2e-3
+assert abs(flow[-1].A - exact).max() < 5e-3
 assert abs(flow.press_force[-1] / force - 1) < 0.03

@@ -200,6 +200,12 @@ class Charge:
             )
         section = {"domain": domain, "spacing": spacing, "layers": layers, "orientation": orientation.section()}
         tooling = {**(tools or {}), **orientation.tools}
+        for name, tool in (tools or {}).items():
+            if tooling[name] != tool:
+                raise SceneError(
+                    f"ppmc.Charge.{way}: the tool of the sheet and that of the orientation are both named '{name}'; "
+                    "give each a name of its own"
+                )
         whole = {"name": "charge", "seed": orientation.seed, "charge": section, "tooling": tooling or None}
         scene = make_section(Scene, f"ppmc.Charge.{way}", whole)
         with session(), orientation.opened(scene.require("charge")) as sources:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -67,16 +68,17 @@ class MemorySeries:
     def seal(self, history: Mapping[str, NDArray[Any]], extra: Mapping[str, Any]) -> None:
         """Add the table of steps and further facts: the run is complete."""
         self._history = {name: np.array(values, np.float64) for name, values in history.items()}
-        self._extra, self._complete = dict(extra), True
+        # As JSON gives it back: lists, no tuples.
+        self._extra, self._complete = json.loads(json.dumps(dict(extra))), True
 
     def opened(self) -> SeriesFile:
         """Return the product as if it had been read from its file."""
         frames = list(self._frames)
-        numbers = np.array(self._numbers[: len(frames)]).reshape(len(frames), -1)
+        numbers = np.array(self._numbers[: len(frames)]).reshape(len(frames), len(self.scalars))
         return SeriesFile(
             path=Path(f"{self.product} in memory"),
             product=self.product,
-            n=len(frames[0]["Points"]) if frames else 0,
+            n=len(next(iter(self.static.values()))),
             times=np.array(self.times[: len(frames)]),
             # In the order of the contract, as a file is read.
             names=tuple(spec.name for spec in FIELDS[self.product] if spec.name in self.names),

@@ -66,7 +66,7 @@ def to_base(value: Any, unit: str) -> float:
 def _of_pint(value: Any, unit: str) -> float:
     """Return a quantity of pint, whatever its registry, as a number in `unit`."""
     try:
-        if str(value.units) != "dimensionless" or unit == "degree":
+        if str(value.units) != "dimensionless":
             return float(value.to(unit).magnitude)
     except Exception as error:  # each registry has errors of its own
         raise _refusal(f"'{{value}}' is no quantity in {{unit}} ({_escaped(str(error))})", str(value), unit) from None

@@ -14,6 +14,8 @@ import ppmc
 from ppmc.errors import InputFileError, NumericalError, SceneError, VerdictError
 
 Solve = Callable[..., ppmc.Flow]
+PLANES = [ppmc.tools.plane((0, 0, 0), (0, 0, 1))]
+WATER = ppmc.materials.Newtonian(shear_viscosity=1.0)
 
 
 def test_a_charge_is_the_file_of_the_command(folder: Path, charge: ppmc.Charge, tmp_path: Path) -> None:
@@ -66,7 +68,7 @@ def test_a_flow_in_memory_is_written_later(folder: Path, flow: ppmc.Flow, tmp_pa
 
 def test_frames_are_arrays_tables_and_meshes(flow: ppmc.Flow) -> None:
     last = flow[-1]
-    assert last.F.shape == (144, 3, 3) and np.allclose(np.linalg.det(last.F), last.J, atol=0.02)
+    assert last.F.shape == (144, 3, 3) and np.allclose(np.linalg.det(last.F), last.J, atol=0.1)
     assert np.array_equal(last.deformation_gradient, last.F)
     assert np.trace(last.A) == pytest.approx(1) and np.trace(last.N) == pytest.approx(1)
     assert np.allclose(flow.A[-1], last.A) and flow.N.shape == (4, 3, 3)
@@ -105,26 +107,23 @@ def test_what_the_command_tells_is_a_warning(charge: ppmc.Charge, solved: Solve,
 
 
 def test_a_verdict_that_is_not_passed_warns_or_raises(charge: ppmc.Charge, solved: Solve) -> None:
-    loose = {"max_iterations": 1, "end_time": 0.1, "output_interval": 0.1}
-    with pytest.warns(ppmc.PpmcWarning, match="NOT PASSED(.|\n)*unconverged"):
+    loose = {"bulk_modulus": "100 Pa", "end_time": 0.4, "output_interval": 0.4}
+    with pytest.warns(ppmc.PpmcWarning, match="NOT PASSED(.|\n)*mean"):
         flow = solved(charge, **loose)
     assert flow.verdict is not None and not flow.verdict.passed
-    with warnings.catch_warnings(), pytest.raises(VerdictError, match="unconverged") as refused:
+    with warnings.catch_warnings(), pytest.raises(VerdictError, match=r"mean \|J - 1\|") as refused:
         warnings.simplefilter("ignore")
         solved(charge, strict=True, **loose)
     assert refused.value.flow is not None and refused.value.flow.verdict == flow.verdict
 
 
-def test_a_run_that_fails_keeps_its_frames(charge: ppmc.Charge, solved: Solve) -> None:
-    with warnings.catch_warnings(), pytest.raises(NumericalError) as failed:
-        warnings.simplefilter("ignore")
-        solved(charge, bulk_modulus="1 mPa")
+def test_a_run_that_fails_keeps_its_frames(charge: ppmc.Charge) -> None:
+    # Without a bulk modulus to speak of nothing resists shrinking alike in all directions.
+    ram = ppmc.tools.plane((0, 0, 4), (0, 0, -1), motion=ppmc.tools.velocity((0, 0, -1)))
+    with pytest.raises(NumericalError, match="mean volume ratio is off") as failed:
+        ppmc.solve(charge, [*PLANES, ram], WATER, end_time=2, bulk_modulus="1 mPa", volume_correction=0)
     assert failed.value.flow is not None and len(failed.value.flow) >= 1
     assert "the state is in" not in str(failed.value)
-
-
-PLANES = [ppmc.tools.plane((0, 0, 0), (0, 0, 1))]
-WATER = ppmc.materials.Newtonian(shear_viscosity=1.0)
 
 
 @pytest.mark.parametrize(

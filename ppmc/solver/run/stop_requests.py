@@ -64,4 +64,6 @@ class StopRequests:
         self.stop = signal.Signals(number).name
         self.interrupted = number == signal.SIGINT
         if self.interrupted:
-            signal.signal(signal.SIGINT, end_at_once)
+            # A command leaves; whoever called from Python gets the exception, and stays.
+            own = self._previous[number]
+            signal.signal(signal.SIGINT, own if own is signal.default_int_handler else end_at_once)
