@@ -60,7 +60,8 @@ def test_a_flow_in_memory_is_written_later(folder: Path, flow: ppmc.Flow, tmp_pa
         theirs.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
         for name in names:
             if name not in ("ppmc/inputs", "ppmc/digests/manifest"):
-                assert np.array_equal(ours[name][()], theirs[name][()]), name
+                values = theirs[name][()]
+                assert np.array_equal(ours[name][()], values, equal_nan=np.asarray(values).dtype.kind == "f"), name
     assert flow.provenance.inputs.keys() == {"charge"}
     with pytest.raises(ppmc.PpmcError, match="flow"):
         flow.write(folder / "charge.vtkhdf")
@@ -97,10 +98,10 @@ def test_what_the_command_tells_is_a_warning(charge: ppmc.Charge, solved: Solve,
     far = {
         "lower": ppmc.tools.plane((0, 0, 0), (0, 0, 1)),
         "ram": ppmc.tools.plane((0, 0, 4), (0, 0, -1), motion=ppmc.tools.velocity((0, 0, -1), travel=0.1)),
-        "far": ppmc.tools.box((40, 0, 2), (4, 4, 4)),
+        "far": ppmc.tools.box((40, 0, 2), (4, 4, 4), motion=ppmc.tools.velocity((0, 1, 0))),
     }
     material = ppmc.materials.Newtonian(shear_viscosity="1 Pa*s")
-    with pytest.warns(ppmc.PpmcWarning, match=r"far.*") as told:
+    with pytest.warns(ppmc.PpmcWarning, match="tool 'far' never reaches the charge") as told:
         ppmc.solve(charge, far, material, end_time=0.1)
     assert {Path(w.filename).name for w in told} == {"test_solve.py"}
     assert capfd.readouterr() == ("", "")
