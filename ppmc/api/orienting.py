@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,8 +32,8 @@ def orient(
         File or folder of any kind that ``ppmc ct`` reads, or grey values.
     voxel_size : quantity, or three (x, y, z), optional
         mm; needed unless the file states it.
-    mask : ndarray of shape (nz, ny, nx), optional
-        Not zero inside the specimen; of an array only, files have the key `mask` of the scene.
+    mask : ndarray of shape (nz, ny, nx), or mapping, optional
+        Not zero inside the specimen, for an array; or a scene's ``ct.mask``, such as ``{"segment": True}``.
     output : str or Path, optional
         Orientations file to write, as ``ppmc ct`` does, tile by tile; kept in memory if left out. Of a file only.
     force : bool
@@ -67,6 +68,8 @@ def orient(
     >>> found = ppmc.orient("scan.tif", voxel_size="50 um", platelet_thickness="0.14 mm")
     >>> found.A
     """
+    if isinstance(mask, Mapping):
+        keys["mask"], mask = mask, None
     source = dict(keys.pop("source", {}))
     if isinstance(volume, str | Path):
         source["path"] = str(volume)
@@ -108,7 +111,7 @@ def _in_memory(scene: Scene, volume: Any, mask: np.ndarray | None) -> Voxels:
             found = stage.measure(scene, given)
         origin = stage.origin(scene, Path(path))
     else:
-        found = stage.measure(scene, _volume_of(volume, mask))
+        found = stage.measure(scene, stage.specimen_of(scene.require("ct"), _volume_of(volume, mask)))
         origin = Provenance.collect("ppmc.ct", scene, ("ct",))
     return Voxels.in_memory(MemoryVoxels("orientations", found.fields, grid=found.grid, provenance=origin))
 

@@ -18,11 +18,11 @@ ROOT = str(Path(__file__).parents[1])
 
 def warn(text: str) -> None:
     """Give a warning that points to the line outside of ppmc from which the API was called."""
-    frame: FrameType | None = sys._getframe(1)
-    level = 2
+    frame: FrameType | None = sys._getframe(0)
+    level = 1
     while frame is not None and frame.f_code.co_filename.startswith(ROOT):
         frame, level = frame.f_back, level + 1
-    warnings.warn(text, PpmcWarning, stacklevel=level - 1)
+    warnings.warn(text, PpmcWarning, stacklevel=level)
 
 
 @contextmanager

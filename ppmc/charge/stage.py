@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from ppmc.charge.domains.domain import lattice_of
 from ppmc.charge.domains.drape import drape, flat_sheet, turned
 from ppmc.charge.domains.lattice import Lattice
-from ppmc.charge.exchange import EXPORTED, read_points, writer_of
+from ppmc.charge.exchange import CSV_HEAD, read_points, writer_of
 from ppmc.charge.exchange.points import oriented_points
 from ppmc.charge.figures.pictures import View, draw_cut, draw_in_tool, draw_top_view, space_of
 from ppmc.charge.orient import frames_of
@@ -38,6 +38,7 @@ from ppmc.files import (
     whole_file,
     write_particles,
 )
+from ppmc.files.beside import marked_file
 from ppmc.files.lock import locked
 from ppmc.files.storage import is_text_with
 from ppmc.geometry.tools.toolset import compile_tools
@@ -280,7 +281,7 @@ def _draped(
     return lattice, turned(_frames(scene, section, sheet, generator, sources), draped)
 
 
-def export(charge: Path, output: Path, *, force: bool = False) -> Path:
+def export(charge: Path, output: Path, *, keep: Iterable[Path | None] = (), force: bool = False) -> Path:
     """Write the particles of a charge file for another program; the ending chooses the format.
 
     Parameters
@@ -289,27 +290,34 @@ def export(charge: Path, output: Path, *, force: bool = False) -> Path:
         Charge file.
     output : Path
         CSV, NPZ, VTU or Abaqus .inp file to write.
+    keep : iterable of Path
+        Files that are not replaced: those that a scene names, and the scene.
     force : bool
         Replace a file that was not exported by ppmc.
 
     Raises
     ------
     SceneError
-        If the ending is not known, or `output` is the charge file.
+        If the ending is not known, or `output` is the charge file or one to keep.
     InputFileError
         If the charge file is missing or broken.
     StorageError
         If the output cannot be written.
     """
     write = writer_of(output)
-    check_output(output, [charge], is_own=is_text_with(EXPORTED[output.suffix.lower()]), force=force)
+    inputs = [charge, *keep]
     points = charge_particles(read_particles(charge, "charge"), str(charge))
-    with whole_file(output) as temporary:
-        write(temporary, points)
+    if output.suffix.lower() == ".csv":
+        check_output(output, inputs, is_own=is_text_with(CSV_HEAD), force=force)
+        with whole_file(output) as temporary:
+            write(temporary, points)
+    else:
+        with marked_file(output, inputs, force=force) as temporary:
+            write(temporary, points)
     return output
 
 
-def draw(scene: Scene, charge: Path, folder: Path) -> list[Path]:
+def draw(scene: Scene, charge: Path, folder: Path, *, force: bool = False) -> list[Path]:
     """Draw a charge: top view, cuts with the tools, and a view in the tool where VTK can draw.
 
     Parameters
@@ -320,6 +328,8 @@ def draw(scene: Scene, charge: Path, folder: Path) -> list[Path]:
         Charge file.
     folder : Path
         Folder for the pictures.
+    force : bool
+        Replace pictures of other programs.
 
     Returns
     -------
@@ -330,6 +340,8 @@ def draw(scene: Scene, charge: Path, folder: Path) -> list[Path]:
     ------
     InputFileError
         If the charge file is missing or broken.
+    SceneError
+        If another program's picture has the name of one of these.
     StorageError
         If the folder cannot be written to.
     """
@@ -340,16 +352,19 @@ def draw(scene: Scene, charge: Path, folder: Path) -> list[Path]:
     clearance = (lambda points: tools.clearance(points)[0]) if tools is not None else None
     space = space_of(particles, tools)
 
-    pictures = [folder / f"charge_{name}.png" for name in ("top", "cut", "in_tool")]
-    for picture in pictures:
-        check_output(picture, [charge])
-    draw_top_view(particles, pictures[0], view)
-    draw_cut(particles, pictures[1], view, clearance, space)
-    reason = draw_in_tool(particles, pictures[2], view, clearance, space)
-    if reason is not None:
-        print(f"no three-dimensional picture of the charge: {reason}", file=sys.stderr)
-        return pictures[:2]
-    return pictures
+    inputs = [charge, *scene.every_named_file()]
+    top, cut, in_tool = (folder / f"charge_{name}.png" for name in ("top", "cut", "in_tool"))
+    with marked_file(top, inputs, force=force) as temporary:
+        draw_top_view(particles, temporary, view)
+    with marked_file(cut, inputs, force=force) as temporary:
+        draw_cut(particles, temporary, view, clearance, space)
+    image = draw_in_tool(particles, view, clearance, space)
+    if isinstance(image, str):
+        print(f"no three-dimensional picture of the charge: {image}", file=sys.stderr)
+        return [top, cut]
+    with marked_file(in_tool, inputs, force=force) as temporary:
+        temporary.write_bytes(image)
+    return [top, cut, in_tool]
 
 
 def summary(lattice: Lattice, frames: Frames) -> dict[str, Any]:

@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ppmc.ct.block import Box
+from ppmc.ct.field_of_view import field_of_view
+from ppmc.ct.floor import gradient_floor, raised
+from ppmc.ct.found import Found
 from ppmc.ct.noise import noise_level, noise_tensor
 from ppmc.ct.orientations import FIELD_NAMES, Cells, Job, cells_of, compute_tiles, grey_reference, threads_of
 from ppmc.ct.parts import Fields, Parts
@@ -19,6 +22,7 @@ from ppmc.ct.phantom import Phantom
 from ppmc.ct.registration import registered
 from ppmc.ct.segment import mask_reader, specimen_mask
 from ppmc.ct.settings import settings
+from ppmc.ct.signal import Signal, signal_of
 from ppmc.ct.source import Volume, open_volume
 from ppmc.ct.suggest import advise
 from ppmc.ct.tiles import MIB, Tiling, tiling
@@ -34,6 +38,7 @@ from ppmc.files import (
     is_product,
     one_writer,
 )
+from ppmc.notices import notice
 from ppmc.progress import Progress
 from ppmc.scene.depends import of_ct, of_phantom
 from ppmc.scene.sections.ct import VolumeSource
@@ -109,6 +114,7 @@ def run(
     resume: bool = False,
     part: tuple[int, int] | None = None,
     force: bool = False,
+    tell: Callable[[str], None] | None = None,
 ) -> Path:
     """Find fibre directions and platelet normals in a CT volume.
 
@@ -127,6 +133,8 @@ def run(
         with ``resume`` gathers them. For shares on several machines.
     force : bool
         Replace an output that holds no orientations of ppmc.
+    tell : callable, optional
+        Called with each line of what was found: share of valid voxels, certainty, A and N.
 
     Returns
     -------
@@ -159,6 +167,7 @@ def run(
         threads = min(threads, threads_of(section.threads))
         provenance = Provenance.of(scene, depends)
         boxes = tiles.boxes()
+        found = Found(job.shape)
         parts = Parts(output.with_name(f"{output.name}.parts"), provenance, tiles) if keeps else None
         if part is not None:
             boxes = boxes[part[0] - 1 :: part[1]]
@@ -171,13 +180,20 @@ def run(
                 job, grid, cells, boxes, threads, fill=fill, scratch=None if kept else scratch
             ):
                 keep(fields, box)
+                found.add(fields, box)
         if part is not None and parts is not None:
             return parts.folder
         if parts is not None:
+            found = Found(job.shape)
             with _writer(output, job, grid, provenance) as keep:
                 for box in tiles.boxes():
-                    keep(parts.read(box), box)
+                    fields = parts.read(box)
+                    keep(fields, box)
+                    found.add(fields, box)
             parts.remove()
+        if tell is not None:
+            for line in found.lines():
+                tell(line)
     return output
 
 
@@ -312,11 +328,32 @@ def opened(scene: Scene, path: Path, masked: Path | None) -> Iterator[Volume]:
                     f"{masked}: the mask has shape {mask.shape}, but the volume {path.name} has {volume.shape}; "
                     "they must be equal"
                 )
-            volume = volume.within(mask.read)
-        elif section.mask is not None and section.mask.segment:
-            found, cell = specimen_mask(volume, exclude_voids=section.mask.exclude_voids)
-            volume = volume.within(mask_reader(found, cell))
-        yield volume
+            yield volume.within(mask.read)
+        else:
+            yield specimen_of(section, volume)
+
+
+def specimen_of(section: CtSection, volume: Volume) -> Volume:
+    """Return a volume with the mask that is found in it, if the section asks for one or there is no other."""
+    if section.mask is not None and section.mask.segment:
+        found, cell = specimen_mask(volume, exclude_voids=section.mask.exclude_voids)
+        return volume.within(mask_reader(found, cell))
+    if volume.read_mask is None and (section.mask is None or section.mask.field_of_view):
+        return _within_field_of_view(volume)
+    return volume
+
+
+def _within_field_of_view(volume: Volume) -> Volume:
+    """Leave out what lies around a round field of view, and say so: its rim would be the strongest texture."""
+    seen = field_of_view(volume)
+    if seen is None:
+        return volume
+    notice(
+        f"{volume.path}: every voxel beyond {seen.radius:.0f} voxels of x = {seen.middle[1]:.0f}, "
+        f"y = {seen.middle[0]:.0f} is {seen.fill:g}: a round field of view; what is outside is left out "
+        "(ct: mask: {field_of_view: false} keeps it)"
+    )
+    return seen.reader(volume)
 
 
 def suggest(scene: Scene, *, input: Path | None = None) -> list[str]:
@@ -329,8 +366,13 @@ def suggest(scene: Scene, *, input: Path | None = None) -> list[str]:
     InputFileError
         If the volume is missing or damaged.
     """
+    section: CtSection = scene.require("ct")
     with opened(scene, volume_path(scene, input), None) as volume:
-        return advise(volume, _spacing(scene, volume), _thickness(scene)).lines()
+        bare = section.model_copy(update={"sigma": None, "fibre_window": None, "normals": True, "follow": True})
+        job, signal, level = _plan(bare, volume, _spacing(scene, volume), _thickness(scene))
+        alone = noise_tensor(job.chosen, level / job.reference.unit)
+        white = job.noise is None or np.array_equal(job.noise, alone)
+        return advise(job, signal, level, known=_thickness(scene) is not None, white=white).lines()
 
 
 def _spacing(scene: Scene, volume: Volume) -> tuple[float, float, float]:
@@ -353,20 +395,33 @@ def _thickness(scene: Scene) -> float | None:
 
 def plan(scene: Scene, volume: Volume) -> Job:
     """Work out filters, windows and units for a volume."""
-    section: CtSection = scene.require("ct")
-    spacing = _spacing(scene, volume)
-    chosen = settings(section, spacing, volume.shape, _thickness(scene))
+    job, _, _ = _plan(scene.require("ct"), volume, _spacing(scene, volume), _thickness(scene))
+    return job
+
+
+def _plan(
+    section: CtSection, volume: Volume, spacing: tuple[float, float, float], thickness: float | None
+) -> tuple[Job, Signal, float]:
+    """Return the job, what the volume bears, and its noise level."""
     reference = grey_reference(volume)
     level = noise_level(volume) if section.noise_level is None else section.noise_level
-    return Job(
+    signal = signal_of(volume, spacing, level)
+    chosen = settings(section, spacing, volume.shape, thickness, signal)
+    noise = None
+    if section.correct_noise:
+        noise = noise_tensor(chosen, level / reference.unit)
+        if section.noise_level is None:
+            noise = raised(noise, gradient_floor(volume, spacing, chosen, reference, signal.scale))
+    job = Job(
         volume=volume,
         spacing=spacing,
         chosen=chosen,
         reference=reference,
         stride=section.stride,
         least_confidence=section.least_confidence,
-        noise=noise_tensor(chosen, level / reference.unit) if section.correct_noise else None,
+        noise=noise,
     )
+    return job, signal, level
 
 
 def in_tool_axes(name: str, values: np.ndarray[Any, Any], grid: VoxelGrid) -> np.ndarray[Any, Any]:

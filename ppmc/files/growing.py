@@ -25,7 +25,7 @@ from ppmc.files import vtkhdf
 from ppmc.files.digests import LENGTH, digest, put_block_digests, put_digest
 from ppmc.files.fields import FIELDS, SCHEMA_VERSION
 from ppmc.files.fields import field as spec_of
-from ppmc.files.frame_files import HEADER, FrameFolder, frame_name
+from ppmc.files.frame_files import HEADER, OWN_FILE, FrameFolder, frame_name
 from ppmc.files.hdf5_output import new_hdf5
 from ppmc.files.particles import POSITION
 from ppmc.files.provenance import Provenance
@@ -293,8 +293,15 @@ class SeriesWriter:
             offsets[name] = begins if name in self.names else np.zeros(count, np.int64)
 
     def remove(self) -> None:
-        """Remove the folder, at one stroke for all who look: the product is complete, or nobody wants it."""
-        aside = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")
-        with suppress(OSError):
-            self.path.rename(aside)
-            shutil.rmtree(aside)
+        """Remove the folder: the product is complete, or nobody wants it."""
+        remove_growing(self.path)
+
+
+def remove_growing(folder: Path) -> None:
+    """Remove the folder of a growing product, at one stroke for all who look; one that holds anything else stays."""
+    if not folder.is_dir() or any(not OWN_FILE.fullmatch(path.name) for path in folder.iterdir()):
+        return
+    aside = folder.with_name(f".{folder.name}.{os.getpid()}.tmp")
+    with suppress(OSError):
+        folder.rename(aside)
+        shutil.rmtree(aside)

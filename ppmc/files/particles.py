@@ -21,6 +21,7 @@ from ppmc.files.guard import (
     check_layout,
     check_not_parallel,
     check_orthogonal,
+    check_unchanged,
     check_values,
     compare_whole,
     dataset_of,
@@ -157,5 +158,6 @@ def read_particles(path: Path, product: str) -> ParticleFile:
         if product == "charge":
             names = ("/VTKHDF/PointData/in_plane_direction", "fibre_direction")
             check_not_parallel(fields["in_plane_direction"], fields["fibre_direction"], names, path)
+        check_unchanged(file, path)
         extra = read_json(file["ppmc"], "extra") if "ppmc" in file else {}
         return ParticleFile(positions, fields, extra, Provenance.load(file))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import h5py
 
 from ppmc import __version__
+from ppmc.errors import InputFileError
 from ppmc.files.fields import AXES, MADE_BY, SCHEMA_VERSION, UNITS
 from ppmc.files.references import referenced_files
 from ppmc.files.text import attribute, put_attribute, put_json, read_json
@@ -164,6 +166,8 @@ class Provenance:
         group = file["ppmc"]
 
         seed = attribute(group, "seed", "none")
+        if seed != "none" and not re.fullmatch(r"-?\d{1,40}", seed):
+            raise InputFileError(f"{file.filename}: /ppmc@seed is '{seed[:40]}', must be a number or 'none'")
         return cls(
             creator=attribute(group, "creator", "unknown"),
             scene=read_json(group, "scene"),

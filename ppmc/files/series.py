@@ -20,6 +20,7 @@ from ppmc.files.guard import (
     BlockCheck,
     block_check,
     check_layout,
+    check_unchanged,
     check_values,
     compare_block,
     dataset_of,
@@ -29,7 +30,7 @@ from ppmc.files.guard import (
 )
 from ppmc.files.particles import POSITION
 from ppmc.files.provenance import Provenance
-from ppmc.files.text import read_json
+from ppmc.files.text import numbers, read_json
 
 # Returns the named arrays of a frame, positions as "Points".
 Read = Callable[[int, tuple[str, ...]], list[NDArray[Any]]]
@@ -180,7 +181,7 @@ def _sealed(file: h5py.File, path: Path, product: str) -> SeriesFile:
     """Return a complete product."""
     steps = group_of(file, "VTKHDF/Steps", path)
     n = int(read_whole(file, "VTKHDF/NumberOfPoints", path)[0])
-    frames = int(steps.attrs.get("NSteps", 0))
+    frames = int(numbers(steps, "NSteps", 1)[0])
     if frames < 1:
         raise InputFileError(f"{path}: holds no frame yet")
     times = read_whole(file, "VTKHDF/Steps/Values", path)[:frames].astype(np.float64)
@@ -206,6 +207,7 @@ def _sealed(file: h5py.File, path: Path, product: str) -> SeriesFile:
                 raise InputFileError(f"{path}: {dataset.name} has {dataset.shape[0]} rows, needs {frames * n}")
             names.append(spec.name)
     checks: dict[str, BlockCheck] = {}
+    check_unchanged(file, path)
     own = file.get("ppmc", {})
     series = SeriesFile(
         path=path,

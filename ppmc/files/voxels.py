@@ -23,6 +23,7 @@ from ppmc.files.guard import (
     block_check,
     check_layout,
     check_orthogonal,
+    check_unchanged,
     check_values,
     compare_block,
     dataset_of,
@@ -31,7 +32,7 @@ from ppmc.files.guard import (
 )
 from ppmc.files.hdf5_output import new_hdf5
 from ppmc.files.provenance import Provenance
-from ppmc.files.text import attribute
+from ppmc.files.text import attribute, numbers
 
 CHUNK = (32, 64, 64)
 VERIFIED_WHOLE = 2**24  # voxels; larger files are verified where they are read, and whole by `ppmc check`
@@ -219,7 +220,7 @@ class VoxelFile:
         return np.asarray(values)
 
     def verify(self) -> None:
-        """Read all fields slab by slab, and verify every value.
+        """Read all fields slab by slab, and verify every value, and that p and r are orthogonal.
 
         Raises
         ------
@@ -228,8 +229,11 @@ class VoxelFile:
         """
         planes = max(1, SLAB * self.grid.shape[0] // self.grid.count)
         for z in range(0, self.grid.shape[0], planes):
+            slab = (slice(z, z + planes), slice(None), slice(None))
             for name in self.names:
-                self.read(name, (slice(z, z + planes), slice(None), slice(None)))
+                self.read(name, slab)
+            if self.product == "orientations":
+                self.read_frames(slab)
 
     def read_frames(self, index: Index = ALL) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return fibre directions and platelet normals, shape (..., 3), verified to be orthogonal."""
@@ -309,9 +313,11 @@ def read_voxels(path: Path, product: str, *, verify: bool = True) -> Iterator[Vo
             elif spec.required:
                 raise InputFileError(f"{path}: /VTKHDF/PointData/{name} is missing ({spec.doc})")
         names = tuple(name for name in known if name in data)
-        opened = VoxelFile(path, product, grid, names, Provenance.load(file), file)
+        opened = VoxelFile(path, product, grid, names, Provenance("unknown"), file)
         if verify and grid.count <= VERIFIED_WHOLE:
             opened.verify()
+        check_unchanged(file, path)
+        opened.provenance = Provenance.load(file)
         yield opened
 
 
@@ -321,10 +327,10 @@ def _grid_of(root: h5py.Group, path: Path) -> VoxelGrid:
         kind = attribute(root, "Type")
         if kind != "ImageData":
             raise InputFileError(f"{path}: /VTKHDF@Type is '{kind}', must be 'ImageData'")
-        x0, x1, y0, y1, z0, z1 = (int(v) for v in root.attrs["WholeExtent"])
-        spacing = tuple(float(v) for v in root.attrs["Spacing"])
-        origin = tuple(float(v) for v in root.attrs["Origin"])
-        direction = np.asarray(root.attrs.get("Direction", np.eye(3).ravel()), dtype=np.float64).reshape(3, 3)
+        x0, x1, y0, y1, z0, z1 = (int(v) for v in numbers(root, "WholeExtent", 6))
+        spacing = tuple(float(v) for v in numbers(root, "Spacing", 3))
+        origin = tuple(float(v) for v in numbers(root, "Origin", 3))
+        direction = numbers(root, "Direction", 9).reshape(3, 3) if "Direction" in root.attrs else np.eye(3)
         return VoxelGrid((z1 - z0 + 1, y1 - y0 + 1, x1 - x0 + 1), spacing, origin, tuple(map(tuple, direction)))  # type: ignore[arg-type]
     except (KeyError, TypeError, ValueError) as error:
         raise InputFileError(f"{path}: /VTKHDF does not describe a voxel grid: {error}") from None

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from ppmc.announce import announce
 from ppmc.errors import SceneError
 from ppmc.files import Claim, ParticleFile, Provenance, check_output, is_product, one_writer, read_particles
+from ppmc.files.storage import is_text_with
 from ppmc.files.verdict import verdict_of
 from ppmc.notices import tell
 from ppmc.scene import Scene
@@ -106,10 +107,15 @@ def write(
     PpmcError
         As `run`.
     """
+    from ppmc.solver.run.checkpoint import checkpoint_paths, crash_path
+    from ppmc.solver.run.history import FIRST_COLUMNS, table_path
     from ppmc.solver.run.records import FileRecord
 
-    depends = of_flow(scene, source)
-    check_output(output, [*depends.inputs, scene.file], is_own=is_product("flow"), force=force)
+    kept = [*of_flow(scene, source).inputs, scene.file]
+    check_output(output, kept, is_own=is_product("flow"), force=force)
+    for path in (*checkpoint_paths(output), crash_path(output)):
+        check_output(path, kept, is_own=is_product("checkpoint"), force=force)
+    check_output(table_path(output), kept, is_own=is_text_with(FIRST_COLUMNS), force=force)
     record = FileRecord(output, flow_origin(scene, charge, source))
     solve(scene, charge, record, source=str(source or "charge"), resume=resume, max_walltime=max_walltime)
     return output

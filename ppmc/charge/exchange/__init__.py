@@ -19,13 +19,8 @@ FORMATS: dict[str, tuple[Reader, Writer]] = {
     ".inp": (abaqus.read, abaqus.write),
 }
 
-# What stands near the start of the files that `write` makes, and of few others.
-EXPORTED = {
-    ".csv": b"x1,x2,x3,p1,p2,p3,r1,r2,r3,volume,platelet_id",
-    ".npz": b"position.npy",
-    ".vtu": b"<!--This file was created by meshio",
-    ".inp": b"** Particles of a platelet charge; mm.",
-}
+CSV_HEAD = b"x1,x2,x3,p1,p2,p3,r1,r2,r3,volume,platelet_id"
+"""How a CSV file of `write` begins; a table has no place for comments."""
 
 
 def read_points(path: Path) -> Particles:

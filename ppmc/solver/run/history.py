@@ -10,6 +10,14 @@ from ppmc.solver.particles.state import ParticleState
 from ppmc.solver.step.measures import OutsideMeasure, PackingMeasure, worst_volume_ratio
 from ppmc.solver.step.model import Place, StepReport
 
+FIRST_COLUMNS = b"time,step,iterations,"
+"""How the table of a run begins, and few other files."""
+
+
+def table_path(output: Path) -> Path:
+    """Return where the live table of a run's steps is."""
+    return output.with_name(f"{output.stem}.steps.csv")
+
 
 @dataclass(frozen=True)
 class StepMeasures:

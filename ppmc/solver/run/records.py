@@ -11,7 +11,8 @@ import numpy as np
 
 from ppmc.files import MemorySeries, Provenance, SeriesFile, SeriesWriter, growing_folder, write_state
 from ppmc.solver.particles.state import ParticleState
-from ppmc.solver.run.checkpoint import Checkpoint, remove_checkpoints, save_checkpoint
+from ppmc.solver.run.checkpoint import Checkpoint, crash_path, remove_checkpoints, save_checkpoint
+from ppmc.solver.run.history import table_path
 from ppmc.solver.run.resume import where_to_go_on
 from ppmc.solver.step.model import Model
 
@@ -81,7 +82,7 @@ class FileRecord:
     @property
     def table(self) -> Path:
         """The live table of steps."""
-        return self.output.with_name(f"{self.output.stem}.steps.csv")
+        return table_path(self.output)
 
     def going_on(self, model: Model, resume: bool) -> Checkpoint | None:
         """Return the checkpoint to go on from, its frames opened; without one all that is left of old runs goes.
@@ -120,7 +121,7 @@ class FileRecord:
 
     def dump(self, state: ParticleState, time: float) -> Path:
         """Write a state that went wrong beside the output."""
-        path = self.output.with_name(f"{self.output.stem}.crash.h5ckpt")
+        path = crash_path(self.output)
         write_state(path, state.arrays(), {"time": time}, provenance=self.provenance)
         return path
 
