@@ -35,7 +35,7 @@ from ppmc.analysis.report.tables import (
     truth_table,
 )
 from ppmc.errors import InputFileError
-from ppmc.files import Provenance, SeriesWriter, check_output, file_digest, growing_folder, whole_file
+from ppmc.files import MemorySeries, Provenance, SeriesFile, check_output, file_digest, whole_file, write_series
 from ppmc.files.beside import is_marked, mark
 from ppmc.files.guard import open_guarded
 from ppmc.files.lock import remove_leftovers
@@ -111,7 +111,8 @@ def write_results(
     for name, data in contents.items():
         _write(folder / name, data)
     # Damage to what stands beside the analysis file is noticed by its digests.
-    _write_series(results, own, output, {name: file_digest(folder / name) for name in sorted(contents)})
+    beside = {name: file_digest(folder / name) for name in sorted(contents)}
+    write_series(analysis_series(results, own, beside), output)
 
 
 def _check_all(output: Path, contents: Mapping[str, bytes], keep: Iterable[Path | None], force: bool) -> None:
@@ -215,8 +216,17 @@ def _scene_page(scene: Scene, section: AnalysisSection, results: Results) -> str
     return scene_page(f"{scene.name}: {source.title}", samples.positions, source.spacing, shown)
 
 
-def _write_series(results: Results, own: Provenance, output: Path, beside: Mapping[str, str]) -> None:
-    """Write the input's tensors over regions and paths, a frame a time step, as points at the regions' centres."""
+def analysis_series(results: Results, own: Provenance, beside: Mapping[str, str]) -> SeriesFile:
+    """Return the input's tensors over regions and paths, a frame a time step, as points at the regions' centres.
+
+    Parameters
+    ----------
+    results : Results
+        With at least one frame.
+    own : Provenance
+    beside : mapping of str to str
+        Digests of the files that are written beside.
+    """
     # A local path has the regions of the path it was made from; the file keeps tool axes and so holds them once.
     kept = [k for k, path in enumerate(results.paths) if path.components != COMPONENTS]
     regions: tuple[Region, ...] = (*results.regions, *(r for k in kept for r in results.paths[k].regions))
@@ -225,34 +235,31 @@ def _write_series(results: Results, own: Provenance, output: Path, beside: Mappi
         "particle_count", "region_volume",
     )  # fmt: skip
     static = {"region_id": np.arange(len(regions), dtype=np.int32)}
-    writer = SeriesWriter.create(
-        growing_folder(output), len(regions), static, fields, (), provenance=own, product="analysis"
-    )
-    try:
-        for entry in results.frames:
-            averages = (entry.regions, *(entry.paths[k] for k in kept))
-            centroid = np.concatenate([a.centroid for a in averages])
-            fibre = np.concatenate([a.fibre_tensor for a in averages])
-            normal = np.concatenate([a.normal_tensor for a in averages])
-            known = np.isfinite(centroid).all(axis=1, keepdims=True)
-            near = np.where(known, centroid, [r.origin for r in regions])
-            writer.append(
-                entry.source.time or 0.0,
-                np.array([r.centre_near(x) for r, x in zip(regions, near, strict=True)]),
-                {
-                    "fibre_tensor": to_six(fibre),
-                    "normal_tensor": to_six(normal),
-                    "principal_fibre_direction": principal_directions(fibre),
-                    "principal_normal_direction": principal_directions(normal),
-                    "particle_count": np.concatenate([a.particle_count for a in averages]),
-                    "region_volume": np.concatenate([a.material_volume for a in averages]),
-                },
-            )
-        names = [region.name for region in regions]
-        described = {"region_names": names, "region_descriptions": [r.describe() for r in regions]}
-        writer.seal(output, extra={**described, "files": dict(beside)})
-    finally:
-        writer.remove()  # gone already if it was sealed
+    series = MemorySeries("analysis", static, fields, (), own)
+    for entry in results.frames:
+        averages = (entry.regions, *(entry.paths[k] for k in kept))
+        centroid = np.concatenate([a.centroid for a in averages])
+        fibre = np.concatenate([a.fibre_tensor for a in averages])
+        normal = np.concatenate([a.normal_tensor for a in averages])
+        known = np.isfinite(centroid).all(axis=1, keepdims=True)
+        near = np.where(known, centroid, [r.origin for r in regions])
+        series.append(
+            entry.source.time or 0.0,
+            np.array([r.centre_near(x) for r, x in zip(regions, near, strict=True)]),
+            {
+                "fibre_tensor": to_six(fibre),
+                "normal_tensor": to_six(normal),
+                "principal_fibre_direction": principal_directions(fibre),
+                "principal_normal_direction": principal_directions(normal),
+                "particle_count": np.concatenate([a.particle_count for a in averages]),
+                "region_volume": np.concatenate([a.material_volume for a in averages]),
+            },
+            {},
+        )
+    names = [region.name for region in regions]
+    described = {"region_names": names, "region_descriptions": [r.describe() for r in regions]}
+    series.seal({}, {**described, "files": dict(beside)})
+    return series.opened()
 
 
 def principal_directions(tensor: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from ppmc.ct.field_of_view import field_of_view
 from ppmc.ct.floor import gradient_floor, raised
 from ppmc.ct.found import Found
 from ppmc.ct.noise import noise_level, noise_tensor
-from ppmc.ct.orientations import FIELD_NAMES, Job, cells_of, compute_tiles, grey_reference, threads_of
+from ppmc.ct.orientations import FIELD_NAMES, Cells, Job, cells_of, compute_tiles, grey_reference, threads_of
 from ppmc.ct.parts import Fields, Parts
 from ppmc.ct.phantom import Phantom
 from ppmc.ct.registration import registered
@@ -27,7 +27,17 @@ from ppmc.ct.source import Volume, open_volume
 from ppmc.ct.suggest import advise
 from ppmc.ct.tiles import MIB, Tiling, tiling
 from ppmc.errors import InputFileError, SceneError
-from ppmc.files import FIELDS, Claim, Provenance, VoxelGrid, VoxelWriter, check_output, is_product, one_writer
+from ppmc.files import (
+    FIELDS,
+    Claim,
+    MemoryVoxels,
+    Provenance,
+    VoxelGrid,
+    VoxelWriter,
+    check_output,
+    is_product,
+    one_writer,
+)
 from ppmc.notices import notice
 from ppmc.progress import Progress
 from ppmc.scene.depends import of_ct, of_phantom
@@ -142,11 +152,10 @@ def run(
     """
     section = scene.require("ct")
     path = volume_path(scene, input)
-    mask_path = scene.locate(section.mask.path) if section.mask is not None and section.mask.path else None
     depends = of_ct(scene, path)
     guarded = [*depends.inputs, *scene.named_files("tooling"), scene.file]
     check_output(output, guarded, is_own=is_product("orientations"), force=force)
-    with opened(scene, path, mask_path) as volume:
+    with opened(scene, path, mask_path(scene)) as volume:
         job = plan(scene, volume)
         grid = registered(VoxelGrid(volume.shape, job.spacing, volume.origin, volume.direction), section.registration)
         keeps = resume or part is not None
@@ -164,16 +173,14 @@ def run(
             boxes = boxes[part[0] - 1 :: part[1]]
         if parts is not None:
             boxes = parts.missing(boxes)
-        with scratch_file(output) as scratch, ThreadPoolExecutor(threads) as pool:
-            if cells is not None and 2 * len(boxes) > len(tiles.boxes()):
-                cells.fill(pool, None if kept else scratch)
-            with Progress("structure tensor", total=len(boxes), unit="tiles") as bar, ExitStack() as stack:
-                keep = parts.keep if parts else stack.enter_context(_writer(output, job, grid, provenance))
-                for block in compute_tiles(job, cells, boxes, pool, threads):
-                    fields = {name: in_tool_axes(name, values, grid) for name, values in block.fields.items()}
-                    keep(fields, block.box)
-                    found.add(fields, block.box)
-                    bar.advance()
+        with scratch_file(output) as scratch, ExitStack() as stack:
+            keep = parts.keep if parts else stack.enter_context(_writer(output, job, grid, provenance))
+            fill = 2 * len(boxes) > len(tiles.boxes())
+            for fields, box in _measured(
+                job, grid, cells, boxes, threads, fill=fill, scratch=None if kept else scratch
+            ):
+                keep(fields, box)
+                found.add(fields, box)
         if part is not None and parts is not None:
             return parts.folder
         if parts is not None:
@@ -188,6 +195,66 @@ def run(
             for line in found.lines():
                 tell(line)
     return output
+
+
+def measure(scene: Scene, volume: Volume) -> MemoryVoxels:
+    """Find fibre directions and platelet normals in an open volume, and keep them in memory.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with a section ``ct``.
+    volume : Volume
+        The volume, its mask with it.
+
+    Returns
+    -------
+    MemoryVoxels
+        All that an orientations file holds, bit for bit, but its origin.
+
+    Raises
+    ------
+    SceneError, InputFileError
+        As `run`.
+    """
+    section = scene.require("ct")
+    job = plan(scene, volume)
+    grid = registered(VoxelGrid(volume.shape, job.spacing, volume.origin, volume.direction), section.registration)
+    cells = cells_of(job)
+    kept = 0.0 if cells is None else cells.nbytes / MIB
+    threads, tiles = _cut(job, section, section.memory - kept, section.threads or threads_of(0))
+    out = grid.strided(job.stride)
+    specs = {spec.name: spec for spec in FIELDS["orientations"] if spec.name in FIELD_NAMES}
+    arrays = {
+        name: np.zeros((*out.shape, *((spec.components,) if spec.components > 1 else ())), spec.dtype)
+        for name, spec in specs.items()
+    }
+    for fields, box in _measured(job, grid, cells, tiles.boxes(), min(threads, threads_of(section.threads))):
+        for name, values in fields.items():
+            at = tuple(slice(first, first + n) for (first, _), n in zip(box, values.shape, strict=False))
+            arrays[name][at] = values
+    return MemoryVoxels("orientations", arrays, grid=out, provenance=Provenance("ppmc.ct"))
+
+
+def _measured(
+    job: Job, grid: VoxelGrid, cells: Cells | None, boxes: list[Box], threads: int, *, fill: bool = True,
+    scratch: Path | None = None,
+) -> Iterator[tuple[Fields, Box]]:  # fmt: skip
+    """Yield the fields of each tile, their vectors in tool coordinates, and its place.
+
+    Parameters
+    ----------
+    fill : bool
+        Whether sums over cells are made for the whole volume first.
+    scratch : Path, optional
+        File in which they are kept; in memory if left out.
+    """
+    with ThreadPoolExecutor(threads) as pool, Progress("structure tensor", total=len(boxes), unit="tiles") as bar:
+        if cells is not None and fill:
+            cells.fill(pool, scratch)
+        for block in compute_tiles(job, cells, boxes, pool, threads):
+            yield {name: in_tool_axes(name, values, grid) for name, values in block.fields.items()}, block.box
+            bar.advance()
 
 
 def _cut(job: Job, section: CtSection, memory: float, threads: int) -> tuple[int, Tiling]:
@@ -236,27 +303,44 @@ def volume_path(scene: Scene, input: Path | None) -> Path:
     return Path(scene.locate(section.source.path))
 
 
+def mask_path(scene: Scene) -> Path | None:
+    """Return the file of the specimen's mask, if the scene names one."""
+    mask = scene.require("ct").mask
+    return scene.locate(mask.path) if mask is not None and mask.path else None
+
+
+def origin(scene: Scene, volume: Path) -> Provenance:
+    """Return the origin of orientations that are measured in a file."""
+    return Provenance.of(scene, of_ct(scene, volume))
+
+
 @contextmanager
-def opened(scene: Scene, path: Path, mask_path: Path | None) -> Iterator[Volume]:
+def opened(scene: Scene, path: Path, masked: Path | None) -> Iterator[Volume]:
     """Open the volume and the mask that belongs to it."""
     section: CtSection = scene.require("ct")
     with ExitStack() as stack:
         volume = stack.enter_context(open_volume(path, section.source))
-        if mask_path is not None and section.mask is not None:
+        if masked is not None and section.mask is not None:
             source = VolumeSource(dataset=section.mask.dataset, shape=volume.shape, dtype="uint8")
-            mask = stack.enter_context(open_volume(mask_path, source))
+            mask = stack.enter_context(open_volume(masked, source))
             if mask.shape != volume.shape:
                 raise InputFileError(
-                    f"{mask_path}: the mask has shape {mask.shape}, but the volume {path.name} has {volume.shape}; "
+                    f"{masked}: the mask has shape {mask.shape}, but the volume {path.name} has {volume.shape}; "
                     "they must be equal"
                 )
-            volume = volume.within(mask.read)
-        elif section.mask is not None and section.mask.segment:
-            found, cell = specimen_mask(volume, exclude_voids=section.mask.exclude_voids)
-            volume = volume.within(mask_reader(found, cell))
-        elif volume.read_mask is None and (section.mask is None or section.mask.field_of_view):
-            volume = _within_field_of_view(volume)
-        yield volume
+            yield volume.within(mask.read)
+        else:
+            yield specimen_of(section, volume)
+
+
+def specimen_of(section: CtSection, volume: Volume) -> Volume:
+    """Return a volume with the mask that is found in it, if the section asks for one or there is no other."""
+    if section.mask is not None and section.mask.segment:
+        found, cell = specimen_mask(volume, exclude_voids=section.mask.exclude_voids)
+        return volume.within(mask_reader(found, cell))
+    if volume.read_mask is None and (section.mask is None or section.mask.field_of_view):
+        return _within_field_of_view(volume)
+    return volume
 
 
 def _within_field_of_view(volume: Volume) -> Volume:

@@ -281,6 +281,13 @@ class SeriesWriter:
         steps["PointOffsets"] = begins
         for name in ("CellOffsets", "ConnectivityIdOffsets"):
             steps[name] = np.zeros((count, 4), np.int64)
+        # Viewers that open one frame only, as pyvista.read does with the first, have the times of all beside it.
+        # Groups are made by name: those that HDF5 makes on the way to a dataset carry the time of day.
+        times = root.create_group("FieldData").create_dataset("frame_times", data=steps["Values"][:])
+        put_attribute(times, "unit", "s")
+        steps.create_group("FieldDataOffsets")["frame_times"] = np.zeros(count, np.int64)
+        sizes = np.tile(np.array([1, count], np.int64), (count, 1))
+        steps.create_group("FieldDataSizes")["frame_times"] = sizes
         offsets = steps.create_group("PointDataOffsets")
         for name in root["PointData"]:
             offsets[name] = begins if name in self.names else np.zeros(count, np.int64)

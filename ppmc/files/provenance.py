@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -105,6 +105,7 @@ class Provenance:
         sections: Iterable[str] = (),
         inputs: Iterable[Path | None] = (),
         seed: int | None = None,
+        made_here: Mapping[str, str] | None = None,
     ) -> Provenance:
         """Gather the origin of a file about to be written.
 
@@ -120,9 +121,11 @@ class Provenance:
             Files read; None entries are passed over.
         seed : int, optional
             Seed, for stages that draw random numbers.
+        made_here : mapping of str to str, optional
+            Digests by name of inputs that no file holds.
         """
         resolved = scene.resolved() if scene is not None else {}
-        digests = _digests([Path(p) for p in inputs if p is not None])
+        digests = _digests([Path(p) for p in inputs if p is not None]) | dict(made_here or {})
         decides = {
             "creator": creator,
             "version": __version__,
@@ -134,9 +137,9 @@ class Provenance:
         return cls(creator, resolved, digests, seed, key, __version__, _packages())
 
     @classmethod
-    def of(cls, scene: Scene, depends: Depends) -> Provenance:
-        """Gather the origin of a file from what the scene says it depends on."""
-        return cls.collect(depends.creator, scene, depends.sections, depends.inputs, depends.seed)
+    def of(cls, scene: Scene, depends: Depends, made_here: Mapping[str, str] | None = None) -> Provenance:
+        """Gather the origin of a file from what the scene says it depends on; `made_here` as in `collect`."""
+        return cls.collect(depends.creator, scene, depends.sections, depends.inputs, depends.seed, made_here)
 
     def store(self, file: h5py.File, product: str) -> None:
         """Write the origin and the contract's name and version into the group ``/ppmc``."""

@@ -172,7 +172,7 @@ class VoxelFile:
     grid: VoxelGrid
     names: tuple[str, ...]
     provenance: Provenance
-    _file: h5py.File
+    _file: h5py.File | None
     _checks: dict[str, BlockCheck] = dataclass_field(default_factory=dict)
 
     def read(self, name: str, index: Index = ALL) -> NDArray[Any]:
@@ -243,8 +243,44 @@ class VoxelFile:
         return p, r
 
 
+class MemoryVoxels(VoxelFile):
+    """A voxel product in memory, which reads like its file.
+
+    Parameters
+    ----------
+    product : str
+        ``"volume"`` or ``"orientations"``.
+    fields : mapping of str to ndarray, shape (nz, ny, nx[, components])
+        The fields of the product's contract.
+    grid : VoxelGrid
+        Where the voxels stand.
+    provenance : Provenance
+        Origin of the product.
+    """
+
+    def __init__(
+        self, product: str, fields: Mapping[str, NDArray[Any]], *, grid: VoxelGrid, provenance: Provenance
+    ) -> None:
+        names = tuple(spec.name for spec in FIELDS[product] if spec.name in fields)
+        super().__init__(Path(f"{product} in memory"), product, grid, names, provenance, None)
+        self.fields = dict(fields)
+
+    def read(self, name: str, index: Index = ALL) -> NDArray[Any]:
+        """Return a field, or the part of it that `index` cuts out; a copy, as from a file."""
+        return np.array(self.fields[self._known(name)][index])
+
+    def read_points(self, name: str, index: Index, points: NDArray[np.integer[Any]]) -> NDArray[Any]:
+        """Return a field at some voxels of a part, see `VoxelFile.read_points`."""
+        return np.asarray(self.fields[self._known(name)][index][tuple(np.asarray(points).T)])
+
+    def _known(self, name: str) -> str:
+        if name not in self.fields:
+            raise InputFileError(f"{self.path}: has no field '{name}'; it has {', '.join(self.names)}")
+        return name
+
+
 @contextmanager
-def read_voxels(path: Path, product: str) -> Iterator[VoxelFile]:
+def read_voxels(path: Path, product: str, *, verify: bool = True) -> Iterator[VoxelFile]:
     """Open a voxel product.
 
     Parameters
@@ -253,6 +289,8 @@ def read_voxels(path: Path, product: str) -> Iterator[VoxelFile]:
         The file.
     product : str
         ``"volume"`` or ``"orientations"``.
+    verify : bool
+        Verify all of a file of up to 2^24 voxels at once; without it each part when it is read.
 
     Yields
     ------
@@ -276,7 +314,7 @@ def read_voxels(path: Path, product: str) -> Iterator[VoxelFile]:
                 raise InputFileError(f"{path}: /VTKHDF/PointData/{name} is missing ({spec.doc})")
         names = tuple(name for name in known if name in data)
         opened = VoxelFile(path, product, grid, names, Provenance("unknown"), file)
-        if grid.count <= VERIFIED_WHOLE:
+        if verify and grid.count <= VERIFIED_WHOLE:
             opened.verify()
         check_unchanged(file, path)
         opened.provenance = Provenance.load(file)

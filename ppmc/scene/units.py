@@ -8,6 +8,7 @@ Each type below is a float after validation, in ppmc's units: mm, s, g, Pa (1 Pa
 from __future__ import annotations
 
 import math
+from numbers import Real
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
@@ -36,8 +37,8 @@ def to_base(value: Any, unit: str) -> float:
 
     Parameters
     ----------
-    value : float, int or str
-        A number already in `unit`, or text such as ``"3.55 mm/s"``.
+    value : float, int, str or quantity of pint
+        A number already in `unit`, text such as ``"3.55 mm/s"``, or a quantity.
     unit : str
         The unit to convert to, as pint spells it.
 
@@ -46,7 +47,9 @@ def to_base(value: Any, unit: str) -> float:
     PydanticCustomError
         If the text is not one number and one unit, or has another dimension; with what was probably meant.
     """
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
+    if hasattr(value, "magnitude") and hasattr(value, "to"):
+        return _of_pint(value, unit)
+    if isinstance(value, bool) or not isinstance(value, Real | str):
         shown = str(value).lower() if isinstance(value, bool) else type(value).__name__
         raise _refusal("expected a number or a quantity such as '1 {unit}', got {value}", shown, unit)
     if not isinstance(value, str):
@@ -58,6 +61,16 @@ def to_base(value: Any, unit: str) -> float:
         return parse_quantity(value, unit)
     except QuantityError as error:
         raise _refusal(f"'{{value}}' {_escaped(str(error))}", value, unit) from None
+
+
+def _of_pint(value: Any, unit: str) -> float:
+    """Return a quantity of pint, whatever its registry, as a number in `unit`."""
+    try:
+        if str(value.units) != "dimensionless":
+            return float(value.to(unit).magnitude)
+    except Exception as error:  # each registry has errors of its own
+        raise _refusal(f"'{{value}}' is no quantity in {{unit}} ({_escaped(str(error))})", str(value), unit) from None
+    raise _refusal("'{value}' has no unit, expected one such as {unit}", str(value), unit)
 
 
 def _escaped(text: str) -> str:
