@@ -156,8 +156,8 @@ def effective_rate(rate: Array, directions: Array | None = None, stiffening: Arr
 
     .. math:: \dot\gamma^2 = 2\,\mathrm{dev}D:\mathrm{dev}D + \sum_k 4(R-1)\,v_k\,(D:m_k)^2 ,
 
-    so that what stretches fibres thins as well. A law :math:`\eta_{23}(\dot\gamma)` has a potential then, convex as long
-    as the traction :math:`\eta_{23}\dot\gamma` rises with the rate: there is one flow.
+    so that what stretches fibres thins as well. A law :math:`\eta_{23}(\dot\gamma)` has a potential then, which is
+    convex as long as the traction :math:`\eta_{23}\dot\gamma` rises with the rate: there is one flow.
 
     Parameters
     ----------

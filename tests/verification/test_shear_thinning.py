@@ -14,7 +14,9 @@ import pytest
 from scipy.optimize import brentq
 
 from ppmc.geometry.tools.toolset import compile_tools
+from ppmc.materials.by_region import ByRegion
 from ppmc.materials.carreau_yasuda import CarreauYasuda
+from ppmc.materials.newtonian import Newtonian
 from ppmc.materials.power_law import PowerLaw
 from ppmc.scene.sections.solver import SolverSection
 from ppmc.scene.sections.tooling import PlaneTool
@@ -100,28 +102,21 @@ def profile(exponent: float, height: int, length: int) -> tuple[np.ndarray, np.n
 
 
 def test_channel_profile():
-    exponent, newtonian = 0.5, profile(1.0, 8, 24)[0]
-    errors = []
-    for height, length in ((8, 24), (16, 40)):
-        found, exact = profile(exponent, height, length)
-        print(found, exact)
-        errors.append(np.abs(found - exact).max())
-        inner = slice(height // 8, -(height // 8))
-        np.testing.assert_allclose(found[inner], exact[inner], atol=0.06)
-        assert found.max() < 0.93 * newtonian.max()
-    print(errors)
-    assert errors[1] < min(0.05, 0.5 * errors[0])
+    exponent = 0.5
+    errors = [np.abs(np.subtract(*profile(exponent, height, length))).max() for height, length in ((8, 24), (16, 40))]
+    assert errors[1] < 0.05
+    assert errors[1] < 0.5 * errors[0]
+    # A Newtonian fluid would go half as fast again as the mean, this one by a third.
+    assert profile(exponent, 16, 40)[0].max() == pytest.approx(4.0 / 3.0, rel=0.02)
 
 
-@pytest.mark.parametrize("exponent", [0.5])
-def test_scott_disk(exponent):
-    force, radius, height = squeezed_disk(NoSlip(), material=power_law(exponent))
-    n = exponent
-    exact = (
-        2.0 * np.pi / (n + 3.0) * ((2.0 * n + 1.0) * SPEED / n) ** n * radius ** (n + 3.0) / height ** (2.0 * n + 1.0)
-    )
-    print(force, exact)
-    assert force == pytest.approx(exact, rel=0.12)
+@pytest.mark.slow
+def test_scott_disk():
+    n = 0.5
+    force, radius, height = squeezed_disk(NoSlip(), material=power_law(n))
+    exact = 2.0 * np.pi / (n + 3.0) * ((2.0 * n + 1.0) * SPEED / n) ** n * radius ** (n + 3.0)
+    # Lubrication leaves out the stretching, which a disk only four times as wide as high feels.
+    assert force == pytest.approx(exact / height ** (2.0 * n + 1.0), rel=0.12)
 
 
 SOFT = Newtonian(shear_viscosity=1.0)
@@ -139,17 +134,21 @@ def two_materials(shape: tuple[int, int, int], axis: int, material) -> ImplicitI
 
 
 @pytest.mark.parametrize("material", PARTS)
-def test_two_layers_in_series(material):
-    integrator = two_materials((36, 3, 12), 2, material)
+@pytest.mark.parametrize(("height", "length"), [(12, 36), pytest.param(24, 72, marks=pytest.mark.slow)])
+def test_two_layers_in_series(material, height, length):
+    integrator = two_materials((length, 3, height), 2, material)
     report = integrator.initialise(0.0, 1e-3)
-    # One traction through both: 6 tau / 1 + 6 g = V, eta(g) g = tau.
-    rate = brentq(lambda g: 6.0 * material.shear_at(g) * g + 6.0 * g - SLIDING, 0.0, SLIDING)
+    # One traction through both, eta(g) g = tau, and what the halves shear adds up: (tau + g) H/2 = V.
+    rate = brentq(lambda g: (material.shear_at(g) * g + g) * 0.5 * height - SLIDING, 0.0, SLIDING)
     traction = material.shear_at(rate) * rate
     state, inside = integrator.state, middle(integrator)
-    height = state.reference_position[:, 2]
-    for half, exact in ((height < 4.0, traction), (height > 8.0, rate)):
-        assert state.velocity_gradient[inside & half, 0, 2].mean() == pytest.approx(exact, rel=0.05)
-    assert -report.tool_force[1, 0] == pytest.approx(36.0 * 3.0 * traction, rel=0.06)
+    z = state.reference_position[:, 2] / height
+    found = [state.velocity_gradient[inside & half, 0, 2].mean() for half in (z < 1.0 / 3.0, z > 2.0 / 3.0)]
+    assert found[0] == pytest.approx(traction, rel=0.05)
+    # Within a kernel of the interface the two are as stiff as their mean: the rest shears more, in proportion to 1/H.
+    assert found[1] == pytest.approx(rate, rel=1.8 / height)
+    # The free ends, a sixth of the length, carry less.
+    assert 0.92 < -report.tool_force[1, 0] / (length * 3.0 * traction) < 1.05
 
 
 @pytest.mark.parametrize("material", PARTS)
@@ -185,17 +184,20 @@ def test_explicit_integrator_thins_alike():
     explicit.initialise(0.0, 1e-2)
     for k in range(8):
         report = explicit.step(0.005 * k, 0.005)
-    print(report.tool_force, settled.tool_force, report.iterations, settled.passes, settled.iterations)
     assert report.tool_force[1, 2] == pytest.approx(settled.tool_force[1, 2], rel=0.03)
 
 
-def test_law_agrees_with_the_flow_it_makes():
-    """After a step the viscosities are those of the velocities, and so is the power."""
-    integrator = make_squeeze(shape=(8, 8, 6), material=power_law(0.3), wall="no_slip")
-    integrator.initialise(0.0, 1e-2)
-    for k in range(3):
-        report = integrator.step(0.01 * k, 0.01)
+def test_laws_are_followed_to_the_tolerance():
+    def first(tolerance: float) -> tuple[float, np.ndarray]:
+        integrator = make_squeeze(
+            shape=(8, 8, 6), material=power_law(0.3), wall="no_slip", velocity_tolerance=tolerance,
+            power_tolerance=20.0 * tolerance,
+        )  # fmt: skip
+        report = integrator.initialise(0.0, 1e-2)
         assert report.unconverged == 0
-    print(report.passes, report.iterations)
-    # The power of a law with exponent n falls by 1 + n times any change of rates, and forces are those of the power.
-    assert report.dissipation == pytest.approx(report.tool_force[1, 2] * 3.0, rel=0.02)
+        return report.tool_force[1, 2], integrator.state.velocity
+
+    force, velocities = first(5e-4)
+    exact_force, exact = first(1e-7)
+    assert np.linalg.norm(velocities - exact) < 5e-4 * np.linalg.norm(exact)
+    assert force == pytest.approx(exact_force, rel=5e-3)

@@ -65,8 +65,7 @@ def run(integrator, steps: int, time_step: float):
 def test_block_slides_with_coulomb_friction(coefficient):
     report = run(dragged(CoulombFriction(coefficient=coefficient), closing=0.3), 6, 5e-3)
     tangential, normal = report.tool_force[0, 0], -report.tool_force[0, 2]
-    print(coefficient, report.tool_force, report.passes, report.iterations)
-    assert tangential == pytest.approx(coefficient * normal, rel=0.02)
+    assert tangential == pytest.approx(coefficient * normal, rel=0.005)
 
 
 def test_block_sticks_below_the_limit():
@@ -79,7 +78,6 @@ def test_block_sticks_below_the_limit():
 def test_stiff_block_on_a_thinning_film(exponent):
     wall = PowerFriction(reference_traction=2.0, reference_speed=3.0, exponent=exponent)
     report = run(dragged(wall, closing=0.0, viscosity=1e4), 1, 1e-3)
-    print(exponent, report.tool_force, 2.0 * 2.0**exponent * 60.0, report.passes)
     assert report.tool_force[0, 0] == pytest.approx(2.0 * 2.0**exponent * 60.0, rel=0.005)
 
 
@@ -93,25 +91,25 @@ def test_power_law_with_exponent_one_is_navier():
     np.testing.assert_allclose(*found, atol=1e-3 * np.abs(found).max())
 
 
-@pytest.mark.parametrize(
-    "wall", [CoulombFriction(coefficient=0.3), PowerFriction(reference_traction=2.0, reference_speed=3.0, exponent=0.4)]
-)
+FILM = PowerFriction(reference_traction=2.0, reference_speed=3.0, exponent=0.4)
+
+
+@pytest.mark.parametrize("wall", [CoulombFriction(coefficient=0.3), pytest.param(FILM, marks=pytest.mark.slow)])
 def test_explicit_integrator_finds_the_same_friction(wall):
-    implicit = run(dragged(wall, closing=0.3), 4, 5e-3)
-    explicit = run(dragged(wall, closing=0.3, explicit=True), 4, 5e-3)
-    print(implicit.tool_force, explicit.tool_force, explicit.iterations)
+    implicit = run(dragged(wall, closing=0.3), 4, 2e-3)
+    explicit = run(dragged(wall, closing=0.3, explicit=True), 4, 2e-3)
     np.testing.assert_allclose(explicit.tool_force, implicit.tool_force, atol=0.05 * np.abs(implicit.tool_force).max())
 
 
-@pytest.mark.parametrize("coefficient", [0.05, 0.15])
+@pytest.mark.parametrize("coefficient", [pytest.param(0.05, marks=pytest.mark.slow), 0.15])
 def test_disk_with_coulomb_friction(coefficient):
     force, radius, height = squeezed_disk(CoulombFriction(coefficient=coefficient), layers=4)
     a = 2.0 * coefficient * radius / height
     exact = slip_force(radius, height) * 2.0 * (np.exp(a) - 1.0 - a) / a**2
-    print(coefficient, force, exact, slip_force(radius, height))
     assert force == pytest.approx(exact, rel=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exponent", [0.3, 0.7])
 def test_disk_with_power_law_friction(exponent):
     k = 0.02
@@ -119,7 +117,6 @@ def test_disk_with_power_law_friction(exponent):
     force, radius, height = squeezed_disk(wall, layers=4)
     plug = SPEED / (2.0 * height)
     added = 2.0 * np.pi * k / ((exponent + 3.0) * height) * plug**exponent * radius ** (exponent + 3.0)
-    print(exponent, force, slip_force(radius, height), added)
     assert force == pytest.approx(slip_force(radius, height) + added, rel=0.03)
 
 
