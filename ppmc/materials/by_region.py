@@ -88,6 +88,17 @@ class ByRegion(MaterialBase):
             out[((positions >= region.low) & (positions <= region.high)).all(axis=1)] = k
         return out
 
+    def remarks(self, positions: Array) -> list[str]:
+        """Return which regions hold nothing of the charge, beside what their materials have to say."""
+        part, out = self.part_of(positions), []
+        for k, region in enumerate(self.regions):
+            if not np.any(part == k):
+                box = f"{list(region.low)} to {list(region.high)} mm"
+                out.append(
+                    f"material.regions[{k}], {box}, holds no particle of the charge or none that an earlier has not"
+                )
+        return out + [line for k, one in enumerate(self.parts) for line in one.remarks(positions[part == k])]
+
     def directions(self, local: LocalState) -> Array:
         """Return the directions of each point's part, shape (n, k, 3); those that it lacks are p, without stiffness."""
         found = [(rows, part.directions(local.rows(rows))) for rows, part in self._split(local)]

@@ -18,6 +18,8 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmc.scene.base import description_of
+
 Array = NDArray[np.float64]
 Even = Literal["newtonian", "fibres", "planar"]
 
@@ -143,10 +145,13 @@ class Material(ABC):
         """
         return None
 
+    def remarks(self, positions: Array) -> list[str]:
+        """Return what looks wrong for a charge whose particles begin at `positions` (n, 3), mm; a line each."""
+        return []
+
     def described(self) -> dict[str, Any]:
-        """Return what a file keeps of it: name and constants, ready for JSON."""
-        constants = {k: v for k, v in vars(self).items() if isinstance(v, int | float | str | bool)}
-        return {"model": f"{type(self).__module__}.{type(self).__qualname__}", **constants}
+        """Return what a file keeps of it, ready for JSON."""
+        return description_of(self)
 
 
 def effective_rate(rate: Array, directions: Array | None = None, stiffening: Array | None = None) -> Array:

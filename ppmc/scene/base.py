@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import hashlib
+import inspect
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -14,3 +16,18 @@ class Section(BaseModel):
     """A validated, frozen part of a scene; unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
+
+
+def description_of(law: Any) -> dict[str, Any]:
+    """Return what a file keeps of a law that is no section: its class, its constants and a digest of its source.
+
+    Two runs with another formula under the same name must not be taken for one; where Python cannot tell the source of
+    a class (typed at a prompt), its name has to do.
+    """
+    kind = type(law)
+    constants = {k: v for k, v in sorted(vars(law).items()) if isinstance(v, int | float | str | bool)}
+    try:
+        source = hashlib.sha256(inspect.getsource(kind).encode()).hexdigest()[:16]
+    except (OSError, TypeError):
+        source = "unknown"
+    return {"class": f"{kind.__module__}.{kind.__qualname__}", **constants, "source": source}

@@ -78,6 +78,8 @@ def run(
     reach = float(spacing_of(charge).max())
     for line in idle_tools(model.walls.tools, charge.positions, reach, model.settings.end_time):
         print(line)
+    for line in model.material.remarks(charge.positions):
+        print(line)
     provenance = Provenance.of(scene, depends)
     written = Simulation(model, state, output, provenance).run(resume, max_walltime)
     announce(verdict_of(written), written)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmc.scene.base import Section
+from ppmc.scene.base import Section, description_of
 
 Array = NDArray[np.float64]
 
@@ -49,9 +49,8 @@ class WallLaw(ABC):
         return self.slip_length is None or math.isfinite(self.slip_length)
 
     def described(self) -> Any:
-        """Return what a file keeps of it: name and constants, ready for JSON."""
-        constants = {k: v for k, v in vars(self).items() if isinstance(v, int | float | str | bool)}
-        return {"law": f"{type(self).__module__}.{type(self).__qualname__}", **constants}
+        """Return what a file keeps of it, ready for JSON."""
+        return description_of(self)
 
 
 class WallSection(Section, WallLaw):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ppmc.materials import LocalState
+from ppmc.errors import SceneError
+from ppmc.materials import LocalState, Material
 from ppmc.solver.particles.kernel_shape import smoothness
 from ppmc.solver.particles.neighbours import Pairs
 from ppmc.solver.particles.state import ParticleState
@@ -39,6 +40,11 @@ class Rheology:
         )  # fmt: skip
         # A copy, for the step turns these directions ahead while the state keeps its own.
         self.directions = np.array(material.directions(self.local), order="C")
+        if self.directions.ndim != 3 or self.directions.shape[::2] != (len(state), 3):
+            raise SceneError(
+                f"material {type(material).__name__}: directions() gave an array of shape {self.directions.shape}; "
+                f"({len(state)}, k, 3) is wanted, a unit vector for each of k directions of every particle"
+            )
         if ahead > 0.0 and normals is None:
             for k in range(self.directions.shape[1]):
                 turned = np.ascontiguousarray(self.directions[:, k])
@@ -59,9 +65,14 @@ class Rheology:
         rate = np.broadcast_to(np.zeros((3, 3)), gradient.shape)
         if material.rate_dependent:
             rate = 0.5 * (gradient + np.swapaxes(gradient, -1, -2))
-        if rows is None:
-            return material.viscosities(rate, self.directions, self.local)
-        return material.viscosities(rate, self.directions[rows], self.local.rows(rows))
+        directions, local = self.directions, self.local
+        if rows is not None:
+            directions, local = directions[rows], local.rows(rows)
+        shear, stiffness = material.viscosities(rate, directions, local)
+        # Where rates are not finite the flow is to blame, and said to be.
+        if np.isfinite(rate).all():
+            _check(material, shear, stiffness, directions)
+        return shear, stiffness
 
     def operator(self, pairs: Pairs, bulk: np.ndarray, gradient: np.ndarray) -> Operator:
         """Operator of the parts of particles that resist.
@@ -83,3 +94,25 @@ class Rheology:
             control.isotropic, control.bond, control.fibre,
             control.smooth_flow * smoothness(state.flow_residual) * shear * share,
         )  # fmt: skip
+
+
+def _check(material: Material, shear: np.ndarray, stiffness: np.ndarray, directions: np.ndarray) -> None:
+    """Refuse viscosities that a material cannot have.
+
+    Raises
+    ------
+    SceneError
+        If they have another shape than wanted, or are not finite and positive.
+    """
+    told = f"material {type(material).__name__}: viscosities() gave"
+    wanted = directions.shape[:1], directions.shape[:2]
+    if (shear.shape, stiffness.shape) != wanted:
+        raise SceneError(
+            f"{told} arrays of shapes {shear.shape} and {stiffness.shape}, not {wanted[0]} and {wanted[1]}"
+        )
+    for name, values, good in (
+        ("shear viscosity", shear, (shear > 0.0) & np.isfinite(shear)),
+        ("fibre stiffness", stiffness, (stiffness >= 0.0) & np.isfinite(stiffness)),
+    ):
+        if not good.all():
+            raise SceneError(f"{told} a {name} of {values[~good][0]:g} Pa s; all must be finite and positive")

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ppmc.errors import SceneError
 from ppmc.walls import WallLaw
 
 # Slip lengths that are sought, in units of those that a half-cell has itself: beyond, nothing slides, or nothing rubs.
@@ -38,7 +39,18 @@ def slip_lengths(law: WallLaw, stiffness: np.ndarray, slide: np.ndarray, pressur
     -------
     ndarray, shape (m,), mm/(Pa s)
         Zero where the charge sticks, infinite where nothing rubs.
+
+    Raises
+    ------
+    SceneError
+        If the law gives no tractions.
     """
+    holds = law.traction(np.zeros(len(pressure)), pressure)
+    if np.shape(holds) != np.shape(pressure) or not (holds >= 0.0).all():
+        raise SceneError(
+            f"wall {type(law).__name__}: traction() must give an array like its arguments, zero or more, in Pa; at "
+            f"speed zero it gave {np.asarray(holds).ravel()[:3]} of shape {np.shape(holds)} for {np.shape(pressure)}"
+        )
     stiffness = np.maximum(stiffness, 0.0)
     unit = 1.0 / np.maximum(stiffness.max(axis=1, initial=0.0), 1e-300)
 
