@@ -12,6 +12,10 @@ from ppmc.materials.relations import HEXAGONAL_PACKING, ratio_from_aspect, ratio
 from ppmc.materials.section import MaterialBase
 from ppmc.scene.units import PositiveViscosity
 
+# A thousand times that of the stiffest platelets published (61,215, J); beyond, rounding of forces along fibres reaches
+# those between them.
+MOST_ANISOTROPIC = 1e8
+
 
 class AnisotropicViscosity(MaterialBase):
     """A shear viscosity and an anisotropy ratio; the fibres of a particle lie along its one direction p."""
@@ -42,6 +46,11 @@ class AnisotropicViscosity(MaterialBase):
             raise ValueError("give exactly one of `anisotropy_ratio`, `axial_viscosity` and `aspect_ratio`")
         if self.ratio < 1.0:
             raise ValueError(f"the viscosities give an anisotropy ratio R of {self.ratio:.4g}; it must be at least 1")
+        if self.ratio > MOST_ANISOTROPIC:
+            raise ValueError(
+                f"an anisotropy ratio R of {self.ratio:.4g} is beyond any platelet and this arithmetic: "
+                f"at most {MOST_ANISOTROPIC:g}"
+            )
         return self
 
     @property
