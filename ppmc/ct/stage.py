@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,7 @@ from ppmc.ct.suggest import advise
 from ppmc.ct.tiles import MIB, Tiling, tiling
 from ppmc.errors import InputFileError, SceneError
 from ppmc.files import FIELDS, Claim, Provenance, VoxelGrid, VoxelWriter, check_output, is_product, one_writer
+from ppmc.files.voxels import Packed, chunks_of
 from ppmc.notices import notice
 from ppmc.progress import Progress
 from ppmc.scene.ct import VolumeSource
@@ -37,7 +39,6 @@ if TYPE_CHECKING:
     from ppmc.scene import Scene
     from ppmc.scene.ct import CtSection
 
-Keep = Callable[[Fields, Box], None]
 JOB_THREADS = 4
 """Threads for which work that may go on elsewhere is cut, unless the scene says: all machines must cut it alike."""
 
@@ -158,7 +159,7 @@ def run(
         threads = min(threads, threads_of(section.threads))
         provenance = Provenance.of(scene, depends)
         boxes = tiles.boxes()
-        found = Found(job.shape)
+        total = Found(job.shape)
         parts = Parts(output.with_name(f"{output.name}.parts"), provenance, tiles) if keeps else None
         if part is not None:
             boxes = boxes[part[0] - 1 :: part[1]]
@@ -168,23 +169,34 @@ def run(
             if cells is not None and 2 * len(boxes) > len(tiles.boxes()):
                 cells.fill(pool, None if kept else scratch)
             with Progress("structure tensor", total=len(boxes), unit="tiles") as bar, ExitStack() as stack:
-                keep = parts.keep if parts else stack.enter_context(_writer(output, job, grid, provenance))
-                for block in compute_tiles(job, cells, boxes, pool, threads):
-                    fields = {name: in_tool_axes(name, values, grid) for name, values in block.fields.items()}
-                    keep(fields, block.box)
-                    found.add(fields, block.box)
+                writer = None if parts is not None else stack.enter_context(_writer(output, job, grid, provenance))
+
+                def finish(fields: Fields, box: Box) -> Tile:
+                    """Turn, and make ready for the file; on the thread that has found them."""
+                    turned = {name: in_tool_axes(name, values, grid) for name, values in fields.items()}
+                    found = Found(job.shape)
+                    found.add(turned, box)
+                    return Tile(turned, found, None if writer is None else writer.packed(turned, box))
+
+                for block in compute_tiles(job, cells, boxes, pool, threads, finish):
+                    tile = block.finished
+                    if parts is not None:
+                        parts.keep(tile.fields, block.box)
+                    elif writer is not None:
+                        _put(writer, tile, block.box)
+                    total.join(tile.found)
                     bar.advance()
         if part is not None and parts is not None:
             return parts.folder
         if parts is not None:
-            found = Found(job.shape)
-            with _writer(output, job, grid, provenance) as keep:
+            total = Found(job.shape)
+            with _writer(output, job, grid, provenance) as out:
                 for box in tiles.boxes():
                     fields = parts.read(box)
-                    keep(fields, box)
-                    found.add(fields, box)
+                    _put(out, Tile(fields, total, out.packed(fields, box)), box)
+                    total.add(fields, box)
             parts.remove()
-        for line in found.lines() if tell is not None else ():
+        for line in total.lines() if tell is not None else ():
             tell(line)
     return output
 
@@ -196,6 +208,7 @@ def _cut(job: Job, section: CtSection, memory: float, threads: int) -> tuple[int
             return threads, tiling(
                 job.shape, job.chosen, stride=job.stride, budget=memory, threads=threads,
                 itemsize=job.volume.dtype.itemsize, masked=job.volume.read_mask is not None,
+                chunk=chunks_of(job.shape),
             )  # fmt: skip
         except SceneError:
             if section.threads > 0 or threads == 1:
@@ -203,16 +216,30 @@ def _cut(job: Job, section: CtSection, memory: float, threads: int) -> tuple[int
             threads //= 2
 
 
-@contextmanager
-def _writer(output: Path, job: Job, grid: VoxelGrid, provenance: Provenance) -> Iterator[Keep]:
-    """Open the output and yield a function that writes the fields of a tile to it."""
-    with VoxelWriter(output, "orientations", FIELD_NAMES, grid=grid.strided(job.stride), provenance=provenance) as out:
+@dataclass(frozen=True)
+class Tile:
+    """A finished tile: its fields, what was found, and the chunks of the file that it fills, if they are whole."""
 
-        def keep(fields: Fields, box: Box) -> None:
-            for name, values in fields.items():
-                out.write(name, box[0][0], values, box[1][0], box[2][0])
+    fields: Fields
+    found: Found
+    packed: Packed | None
 
-        yield keep
+
+def _writer(output: Path, job: Job, grid: VoxelGrid, provenance: Provenance) -> VoxelWriter:
+    """Return the writer of the output."""
+    names = [name for name in FIELD_NAMES if job.normals or name not in ("platelet_normal", "planarity")]
+    return VoxelWriter(
+        output, "orientations", names, grid=grid.strided(job.stride), provenance=provenance, compact=True
+    )
+
+
+def _put(writer: VoxelWriter, tile: Tile, box: Box) -> None:
+    """Write a tile."""
+    if tile.packed is not None:
+        writer.put(tile.packed)
+        return
+    for name, values in tile.fields.items():
+        writer.write(name, box[0][0], values, box[1][0], box[2][0])
 
 
 @contextmanager
@@ -335,6 +362,7 @@ def _plan(
         stride=section.stride,
         least_confidence=section.least_confidence,
         noise=noise,
+        normals=section.normals,
     )
     return job, signal, level
 
