@@ -25,10 +25,10 @@ import os
 
 import numpy as np
 
+from ppmc.analysis.averages.paths import circle_path
+from ppmc.analysis.averages.regions import box
+from ppmc.analysis.averages.samples import Samples
 from ppmc.analysis.explore import path_averages, path_figure, read_samples, region_frame, scene_paths
-from ppmc.analysis.paths import circle_path
-from ppmc.analysis.regions import box
-from ppmc.analysis.samples import Samples
 from ppmc.orientation import push_affine
 
 radius, thickness = 6.35, 5.0  # of the pin and the flange, mm (model: 12.7 mm hole, 5 mm flange)

@@ -17,10 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmc.analysis.compare import compare_with_truth
+from ppmc.analysis.averages.paths import straight_path
 from ppmc.analysis.explore import path_figure, read_samples
-from ppmc.analysis.paths import straight_path
-from ppmc.analysis.tables import truth_table
+from ppmc.analysis.flow.compare import compare_with_truth
+from ppmc.analysis.report.tables import truth_table
 from ppmc.ct import stage as ct
 from ppmc.files import read_voxels
 from ppmc.scene import parse_scene

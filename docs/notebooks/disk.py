@@ -15,8 +15,8 @@
 # %%
 import numpy as np
 
-from ppmc.analysis.disk import disk_tensor_mode, disk_tensors
 from ppmc.analysis.explore import disk_figure
+from ppmc.analysis.flow.disk import disk_tensor_mode, disk_tensors
 from ppmc.orientation.fitted_closures import CLOSURES
 from ppmc.orientation.tensor_ode import TensorModel
 

@@ -29,10 +29,10 @@ import os
 
 import numpy as np
 
+from ppmc.analysis.averages.local import local_frames, localise, material_normals, turned_to
+from ppmc.analysis.averages.paths import swept_path
+from ppmc.analysis.averages.samples import Samples
 from ppmc.analysis.explore import path_averages, path_figure, read_samples, scene_paths
-from ppmc.analysis.local import local_frames, localise, material_normals, turned_to
-from ppmc.analysis.paths import swept_path
-from ppmc.analysis.samples import Samples
 from ppmc.orientation import push_affine
 
 flow_file = os.environ.get("PPMC_DOME_FLOW")

@@ -19,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmc.analysis.averages import region_averages
-from ppmc.analysis.regions import box, cylinder, sphere
-from ppmc.analysis.samples import Samples
+from ppmc.analysis.averages.averages import region_averages
+from ppmc.analysis.averages.regions import box, cylinder, sphere
+from ppmc.analysis.averages.samples import Samples
 from ppmc.files import Provenance, SeriesWriter
 from ppmc.orientation import normalise, push_affine, push_normal
 

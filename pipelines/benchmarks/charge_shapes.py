@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from ppmc.charge.drape import drape, flat_sheet
-from ppmc.charge.surface_normals import distance_of
-from ppmc.geometry.cavity import cavity_volume
+from ppmc.charge.domains.drape import drape, flat_sheet
+from ppmc.charge.orientations.surface_normals import distance_of
+from ppmc.geometry.cavity.cavity import cavity_volume
 from ppmc.geometry.parts import CenterGatedDisk, DoubleDome, Part, PinBracket, Plaque
-from ppmc.geometry.parts.hex_mesh import HexMesh, grid_quads
-from ppmc.geometry.toolset import compile_tools
-from ppmc.scene.charge import DrapedDomain
-from ppmc.scene.tooling import Tool
+from ppmc.geometry.parts.meshes.hexahedra import HexMesh, grid_quads
+from ppmc.geometry.tools.toolset import compile_tools
+from ppmc.scene.sections.charge import DrapedDomain
+from ppmc.scene.sections.tooling import Tool
 
 TOOLING = TypeAdapter(dict[str, Tool])
 PARTS: dict[type[Part], list[dict[str, Any]]] = {

@@ -26,8 +26,8 @@ from typing import Any
 
 import numpy as np
 
-from ppmc.charge.domain import lattice_of
-from ppmc.charge.from_ct import frames_from_ct
+from ppmc.charge.domains.domain import lattice_of
+from ppmc.charge.orientations.from_ct import frames_from_ct
 from ppmc.charge.stage import run
 from ppmc.files import Provenance, VoxelGrid, VoxelWriter, read_voxels
 from ppmc.scene import Scene

@@ -13,16 +13,16 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmc.charge.domain import lattice_of
-from ppmc.charge.five_step import COMPLETE, CUT_BY_WALL, FREE, INCOMPLETE, fill_layer
-from ppmc.charge.frames import Frames
-from ppmc.charge.lattice import Lattice, box_lattice
+from ppmc.charge.domains.domain import lattice_of
+from ppmc.charge.domains.lattice import Lattice, box_lattice
 from ppmc.charge.orient import frames_of
-from ppmc.charge.platelets import distance_beyond
+from ppmc.charge.orientations.frames import Frames
+from ppmc.charge.platelets.five_step import COMPLETE, CUT_BY_WALL, FREE, INCOMPLETE, fill_layer
+from ppmc.charge.platelets.platelets import distance_beyond
 from ppmc.charge.stage import STAGE_NUMBER
 from ppmc.orientation import orientation_tensor
 from ppmc.scene import load_scene
-from ppmc.scene.charge import OrientationSource, PlateletsOrientation
+from ppmc.scene.sections.charge import OrientationSource, PlateletsOrientation
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SIZE = (93.5, 34.0, 6.0)

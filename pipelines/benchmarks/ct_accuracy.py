@@ -25,8 +25,8 @@ from ppmc.ct.settings import settings
 from ppmc.ct.source import Volume
 from ppmc.ct.tiles import Tiling
 from ppmc.orientation import angle_between_axes
-from ppmc.scene.ct import CtSection
-from ppmc.scene.phantom import PhantomSection
+from ppmc.scene.sections.ct import CtSection
+from ppmc.scene.sections.phantom import PhantomSection
 
 Array = NDArray[np.float32]
 Solver = Callable[[Array, float], tuple[Array, Array]]

@@ -26,7 +26,7 @@ from ppmc.ct.orientations import Job, grey_reference, orientations
 from ppmc.ct.settings import settings
 from ppmc.ct.source import Volume
 from ppmc.ct.tiles import tiling
-from ppmc.scene.ct import CtSection
+from ppmc.scene.sections.ct import CtSection
 
 
 def ppmc_run(grey: np.ndarray, stride: int, threads: int, *, two_scales: bool) -> Callable[[], None]:

@@ -14,15 +14,15 @@ import math
 
 import numpy as np
 
-from ppmc.geometry.toolset import compile_tools
-from ppmc.scene.materials.transversely_isotropic import TransverselyIsotropic
-from ppmc.scene.solver import SolverSection
-from ppmc.scene.tooling import PlaneTool
-from ppmc.solver.implicit import ImplicitIntegrator
-from ppmc.solver.model import Model, StepReport
-from ppmc.solver.setup import run_constants
-from ppmc.solver.state import ParticleState
-from ppmc.solver.tools import Walls
+from ppmc.geometry.tools.toolset import compile_tools
+from ppmc.scene.sections.materials.transversely_isotropic import TransverselyIsotropic
+from ppmc.scene.sections.solver import SolverSection
+from ppmc.scene.sections.tooling import PlaneTool
+from ppmc.solver.particles.state import ParticleState
+from ppmc.solver.run.setup import run_constants
+from ppmc.solver.step.implicit import ImplicitIntegrator
+from ppmc.solver.step.model import Model, StepReport
+from ppmc.solver.walls.tools import Walls
 
 SIZE = (8.0, 8.0, 4.0)  # mm
 BRIEF = 1e-3  # s, the first step

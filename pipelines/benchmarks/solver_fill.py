@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 
 from ppmc.files import open_series
 from ppmc.geometry.parts.pin_bracket import PinBracket
-from ppmc.solver.kernel_shape import full
+from ppmc.solver.particles.kernel_shape import full
 
 INTERIOR = 0.93  # packing above which a particle counts as inside
 SAMPLES = 200_000

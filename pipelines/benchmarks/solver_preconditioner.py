@@ -17,14 +17,14 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmc.solver.block_jacobi import restricted_inverse
-from ppmc.solver.cells import sort_into_cells
-from ppmc.solver.coarse_grid import CELL, make_grid
-from ppmc.solver.conjugate_gradient import conjugate_gradient
-from ppmc.solver.neighbours import build_list, weigh_pairs
-from ppmc.solver.operator import Operator, assemble
-from ppmc.solver.rigid_modes import Pieces, free_rigid_modes
-from ppmc.solver.system import VelocitySystem
+from ppmc.solver.linear.block_jacobi import restricted_inverse
+from ppmc.solver.linear.coarse_grid import CELL, make_grid
+from ppmc.solver.linear.conjugate_gradient import conjugate_gradient
+from ppmc.solver.linear.rigid_modes import Pieces, free_rigid_modes
+from ppmc.solver.linear.system import VelocitySystem
+from ppmc.solver.particles.cells import sort_into_cells
+from ppmc.solver.particles.neighbours import build_list, weigh_pairs
+from ppmc.solver.sph.operator import Operator, assemble
 
 Array = NDArray[np.float64]
 TILE = (8.0, 4.0)

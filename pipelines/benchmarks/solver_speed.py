@@ -27,17 +27,17 @@ from dataclasses import fields, is_dataclass, replace
 import numba
 import numpy as np
 
-from ppmc.geometry.toolset import compile_tools
-from ppmc.scene.materials.transversely_isotropic import TransverselyIsotropic
-from ppmc.scene.solver import SolverSection
-from ppmc.scene.tooling import PlaneTool
-from ppmc.solver.explicit import ExplicitIntegrator, Loads
-from ppmc.solver.implicit import ImplicitIntegrator
-from ppmc.solver.kernel_shape import six
-from ppmc.solver.model import Model
-from ppmc.solver.operator import Operator
-from ppmc.solver.state import ParticleState
-from ppmc.solver.tools import Walls
+from ppmc.geometry.tools.toolset import compile_tools
+from ppmc.scene.sections.materials.transversely_isotropic import TransverselyIsotropic
+from ppmc.scene.sections.solver import SolverSection
+from ppmc.scene.sections.tooling import PlaneTool
+from ppmc.solver.particles.kernel_shape import six
+from ppmc.solver.particles.state import ParticleState
+from ppmc.solver.sph.operator import Operator
+from ppmc.solver.step.explicit import ExplicitIntegrator, Loads
+from ppmc.solver.step.implicit import ImplicitIntegrator
+from ppmc.solver.step.model import Model
+from ppmc.solver.walls.tools import Walls
 
 BRIEF = 1e-9  # s; so short a step leaves particles where they are
 FAR = 100.0  # mm, from the block to plates that it shall not touch

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ppmc.analysis.build import build_path, build_regions
-from ppmc.analysis.comparisons import read_picture
-from ppmc.analysis.mesh import read_mesh
-from ppmc.analysis.regions import Region
-from ppmc.analysis.rendering import probe
-from ppmc.analysis.sources import Source
+from ppmc.analysis.averages.build import build_path, build_regions
+from ppmc.analysis.averages.regions import Region
+from ppmc.analysis.averages.sources import Source
+from ppmc.analysis.figures.rendering import probe
+from ppmc.analysis.flow.comparisons import read_picture
+from ppmc.analysis.mesh.mesh import read_mesh
 from ppmc.errors import InputFileError
 from ppmc.geometry.charge_bounds import charge_bounds
-from ppmc.geometry.toolset import compile_tools
+from ppmc.geometry.tools.toolset import compile_tools
 
 if TYPE_CHECKING:
     from ppmc.scene import Scene

@@ -14,17 +14,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ppmc.analysis.averages import RegionAverages, in_frames, region_averages
-from ppmc.analysis.build import build_path, local_path
-from ppmc.analysis.paths import InspectionPath
-from ppmc.analysis.regions import Region
-from ppmc.analysis.samples import Samples, join
-from ppmc.analysis.sources import charge_source, flow_source, orientations_source, truth_source
+from ppmc.analysis.averages.averages import RegionAverages, in_frames, region_averages
+from ppmc.analysis.averages.build import build_path, local_path
+from ppmc.analysis.averages.paths import InspectionPath
+from ppmc.analysis.averages.regions import Region
+from ppmc.analysis.averages.samples import Samples, join
+from ppmc.analysis.averages.sources import charge_source, flow_source, orientations_source, truth_source
 from ppmc.errors import InputFileError, SceneError
 from ppmc.files import open_series, read_particles, read_voxels
 from ppmc.files.guard import product_of
 from ppmc.scene import Scene
-from ppmc.scene.analysis import AnalysisSection
+from ppmc.scene.sections.analysis import AnalysisSection
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -86,7 +86,7 @@ def scene_paths(path: str | Path, frame: int = -1) -> dict[str, InspectionPath]:
     with open_series(Path(path), "flow") as file:
         source, stored = flow_source(file, frame), file.provenance.scene
     if not stored:
-        raise InputFileError(f"{path}: carries no scene to take paths from; lay them by ppmc.analysis.paths")
+        raise InputFileError(f"{path}: carries no scene to take paths from; lay them by ppmc.analysis.averages.paths")
     scene = Scene.model_validate(stored)
     section = scene.analysis or AnalysisSection()
     out = {}
@@ -106,7 +106,7 @@ def path_averages(path: InspectionPath, samples: Samples) -> RegionAverages:
 
 def path_figure(path: InspectionPath, *samples: Samples) -> Figure:
     """Draw A and N along a path for one or more sources; band: the standard error where platelets are numbered."""
-    from ppmc.analysis.plots import PathSeries, plot_path
+    from ppmc.analysis.figures.plots import PathSeries, plot_path
 
     series = []
     for s in samples:
@@ -133,8 +133,8 @@ def view_figure(samples: Samples, name: str, cut: tuple[ArrayLike, ArrayLike] | 
     SceneError
         If there is no such view, or the samples do not carry what it shows.
     """
-    from ppmc.analysis.pictures import MAKERS, SPLIT, open_to
-    from ppmc.analysis.views import EYE, CloudView, draw_clouds
+    from ppmc.analysis.figures.pictures import MAKERS, SPLIT, open_to
+    from ppmc.analysis.figures.views import EYE, CloudView, draw_clouds
 
     if name not in MAKERS:
         raise SceneError(f"no view '{name}'; there are {', '.join(MAKERS)}")
@@ -165,8 +165,8 @@ def disk_figure(
     model : TensorModel, optional
         Integrates A1 and A2 with this closure and these options; the exact solution if left out.
     """
-    from ppmc.analysis.disk import disk_tensor_mode, disk_tensors
-    from ppmc.analysis.plots import plot_profile
+    from ppmc.analysis.figures.plots import plot_profile
+    from ppmc.analysis.flow.disk import disk_tensor_mode, disk_tensors
 
     z = np.linspace(-0.99, 0.99, 199) if heights is None else np.asarray(heights, dtype=float)
     if model is None:
@@ -178,14 +178,14 @@ def disk_figure(
 
 def region_frame(samples: Samples, regions: list[Region] | tuple[Region, ...]) -> pd.DataFrame:
     """Return counts, A, N and their spread over regions as a pandas frame."""
-    from ppmc.analysis.tables import region_table
+    from ppmc.analysis.report.tables import region_table
 
     return region_table(samples.label, samples.time, region_averages(samples, regions))
 
 
 def fourth_frame(samples: Samples, regions: list[Region] | tuple[Region, ...]) -> pd.DataFrame:
     """Return the 15 independent components of 𝔸 and ℕ over regions as a pandas frame, columns A1111 to N3333."""
-    from ppmc.analysis.tables import fourth_table
+    from ppmc.analysis.report.tables import fourth_table
 
     return fourth_table(samples.label, samples.time, region_averages(samples, regions))
 

@@ -8,24 +8,24 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ppmc.analysis.averages import RegionAverages
-from ppmc.analysis.build import build_path, build_regions, local_path
-from ppmc.analysis.comparisons import compare_runs, compare_with_mask, compare_with_part
-from ppmc.analysis.ensemble import ensemble
-from ppmc.analysis.fill import CELL_IN_SPACINGS, fill_times
-from ppmc.analysis.kinematics import Kinematics, kinematics
-from ppmc.analysis.knit import find_knit_lines
-from ppmc.analysis.occupancy import cells_around
-from ppmc.analysis.paths import AXIS_NAMES
-from ppmc.analysis.results import Analysed, FlowMaps, Results, press_force
-from ppmc.analysis.samples import Samples
-from ppmc.analysis.sources import Source, charge_source, flow_source, orientations_source, truth_source
+from ppmc.analysis.averages.averages import RegionAverages
+from ppmc.analysis.averages.build import build_path, build_regions, local_path
+from ppmc.analysis.averages.paths import AXIS_NAMES
+from ppmc.analysis.averages.samples import Samples
+from ppmc.analysis.averages.sources import Source, charge_source, flow_source, orientations_source, truth_source
+from ppmc.analysis.flow.comparisons import compare_runs, compare_with_mask, compare_with_part
+from ppmc.analysis.flow.ensemble import ensemble
+from ppmc.analysis.flow.fill import CELL_IN_SPACINGS, fill_times
+from ppmc.analysis.flow.kinematics import Kinematics, kinematics
+from ppmc.analysis.flow.knit import find_knit_lines
+from ppmc.analysis.flow.occupancy import cells_around
+from ppmc.analysis.flow.results import Analysed, FlowMaps, Results, press_force
 from ppmc.files import ParticleFile, SeriesFile, VoxelFile
 from ppmc.files.verdict import read_verdict
 
 if TYPE_CHECKING:
     from ppmc.scene import Scene
-    from ppmc.scene.analysis import AnalysisSection
+    from ppmc.scene.sections.analysis import AnalysisSection
 
 FILL_FRAMES = 100
 LEAST_KNOWN_SHARE = 0.9999

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ppmc.analysis.figures import Picture
-from ppmc.analysis.local import COMPONENTS
-from ppmc.analysis.mesh_formats import write_mapped
-from ppmc.analysis.panels import scalar_maps, squares
-from ppmc.analysis.regions import Region
-from ppmc.analysis.report import InputFile, write_report
-from ppmc.analysis.results import Results
-from ppmc.analysis.scene_html import scene_page
-from ppmc.analysis.structural import MappedMesh
-from ppmc.analysis.summary import flat_summary
-from ppmc.analysis.tables import (
+from ppmc.analysis.averages.local import COMPONENTS
+from ppmc.analysis.averages.regions import Region
+from ppmc.analysis.figures.figure import Picture
+from ppmc.analysis.figures.panels import scalar_maps, squares
+from ppmc.analysis.figures.scene_html import scene_page
+from ppmc.analysis.flow.results import Results
+from ppmc.analysis.mesh.formats import write_mapped
+from ppmc.analysis.mesh.structural import MappedMesh
+from ppmc.analysis.report.report import InputFile, write_report
+from ppmc.analysis.report.summary import flat_summary
+from ppmc.analysis.report.tables import (
     comparison_table,
     difference_table,
     element_table,
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from ppmc.scene import Scene
-    from ppmc.scene.analysis import AnalysisSection
+    from ppmc.scene.sections.analysis import AnalysisSection
 
 
 def write_results(

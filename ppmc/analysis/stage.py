@@ -8,15 +8,15 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ppmc.analysis.compare import compare_with_truth
-from ppmc.analysis.curves import draw_curves
+from ppmc.analysis.figures.curves import draw_curves
+from ppmc.analysis.figures.movie import filling_movie
+from ppmc.analysis.figures.pictures import draw_views
+from ppmc.analysis.flow.compare import compare_with_truth
 from ppmc.analysis.gather import Opened, gather, truth_links
-from ppmc.analysis.mesh import read_mesh
-from ppmc.analysis.movie import filling_movie
+from ppmc.analysis.mesh.mesh import read_mesh
+from ppmc.analysis.mesh.structural import map_mesh
 from ppmc.analysis.output import write_results
-from ppmc.analysis.pictures import draw_views
-from ppmc.analysis.report import InputFile
-from ppmc.analysis.structural import map_mesh
+from ppmc.analysis.report.report import InputFile
 from ppmc.errors import InputFileError, SceneError
 from ppmc.files import (
     Claim,
@@ -99,7 +99,7 @@ def run(
     StorageError
         If the results cannot be written.
     """
-    from ppmc.scene.analysis import AnalysisSection
+    from ppmc.scene.sections.analysis import AnalysisSection
 
     section = scene.analysis or AnalysisSection()
     product = _product(input)

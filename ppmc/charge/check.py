@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ppmc.charge.domain import lattice_of
-from ppmc.charge.drape import flat_sheet
-from ppmc.charge.lattice import Lattice
-from ppmc.charge.lay_down import touching
-from ppmc.charge.platelets import largest_sizes
-from ppmc.charge.surface_normals import distance_of
-from ppmc.geometry.charge_balance import charge_balance
-from ppmc.geometry.tool_checks import check_charge_clear
-from ppmc.geometry.toolset import compile_tools
-from ppmc.scene.charge import DrapedDomain, PlateletsOrientation
+from ppmc.charge.domains.domain import lattice_of
+from ppmc.charge.domains.drape import flat_sheet
+from ppmc.charge.domains.lattice import Lattice
+from ppmc.charge.domains.lay_down import touching
+from ppmc.charge.orientations.surface_normals import distance_of
+from ppmc.charge.platelets.platelets import largest_sizes
+from ppmc.geometry.cavity.charge_balance import charge_balance
+from ppmc.geometry.tools.checks import check_charge_clear
+from ppmc.geometry.tools.toolset import compile_tools
+from ppmc.scene.sections.charge import DrapedDomain, PlateletsOrientation
 
 if TYPE_CHECKING:
     from ppmc.scene import Scene

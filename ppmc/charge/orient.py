@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ppmc.charge.directions import planar_random, uniform_frames
-from ppmc.charge.frames import GIVEN, RANDOM, Frames
-from ppmc.charge.lattice import Lattice
-from ppmc.charge.platelets import random_platelets
-from ppmc.scene.charge import (
+from ppmc.charge.domains.lattice import Lattice
+from ppmc.charge.orientations.directions import planar_random, uniform_frames
+from ppmc.charge.orientations.frames import GIVEN, RANDOM, Frames
+from ppmc.charge.platelets.platelets import random_platelets
+from ppmc.scene.sections.charge import (
     OrientationSource,
     PlanarRandomOrientation,
     PlateletsOrientation,
@@ -22,7 +22,7 @@ def frames_of(section: OrientationSource, lattice: Lattice, generator: np.random
     Parameters
     ----------
     section : OrientationSource
-        Any source but ``ct``, which reads a file and is served by `ppmc.charge.from_ct`.
+        Any source but ``ct``, which reads a file and is served by `ppmc.charge.orientations.from_ct`.
     lattice : Lattice
         The particles.
     generator : numpy.random.Generator

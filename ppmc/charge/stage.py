@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from ppmc.charge.domain import lattice_of
-from ppmc.charge.drape import drape, flat_sheet, turned
+from ppmc.charge.domains.domain import lattice_of
+from ppmc.charge.domains.drape import drape, flat_sheet, turned
+from ppmc.charge.domains.lattice import Lattice
 from ppmc.charge.exchange import EXPORTED, read_points, writer_of
 from ppmc.charge.exchange.points import OrientedPoints
-from ppmc.charge.frames import Frames
-from ppmc.charge.from_ct import frames_from_ct
-from ppmc.charge.imported import imported_frames
-from ppmc.charge.lattice import Lattice
+from ppmc.charge.figures.pictures import View, draw_cut, draw_in_tool, draw_top_view, space_of
 from ppmc.charge.orient import frames_of
-from ppmc.charge.pictures import View, draw_cut, draw_in_tool, draw_top_view, space_of
-from ppmc.charge.surface_normals import distance_of, local_frames, regional_frames
+from ppmc.charge.orientations.frames import Frames
+from ppmc.charge.orientations.from_ct import frames_from_ct
+from ppmc.charge.orientations.imported import imported_frames
+from ppmc.charge.orientations.surface_normals import distance_of, local_frames, regional_frames
 from ppmc.errors import InputFileError, SceneError
 from ppmc.files import (
     Claim,
@@ -34,10 +34,11 @@ from ppmc.files import (
     write_particles,
 )
 from ppmc.files.storage import is_text_with
-from ppmc.geometry.toolset import compile_tools
+from ppmc.geometry.tools.toolset import compile_tools
 from ppmc.orientation import orientation_tensor, to_six
 from ppmc.scene import Scene
-from ppmc.scene.charge import (
+from ppmc.scene.depends import of_charge
+from ppmc.scene.sections.charge import (
     ChargeSection,
     CtOrientation,
     DrapedDomain,
@@ -45,7 +46,6 @@ from ppmc.scene.charge import (
     LocalOrientation,
     RegionalOrientation,
 )
-from ppmc.scene.depends import of_charge
 
 # Second key of the random generator, so that stages that share the scene's seed draw different numbers.
 STAGE_NUMBER = 3

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.compile_cache import njit
-from ppmc.scene.phantom import PhantomSection
+from ppmc.scene.sections.phantom import PhantomSection
 
 STAGE = 101
 PROBES = 256

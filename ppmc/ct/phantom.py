@@ -19,7 +19,7 @@ from ppmc.ct.layup import STAGE, Layup
 from ppmc.ct.paint import paint_slab, paint_voids
 from ppmc.ct.texture import STEPS_PER_WAVELENGTH, streak_table
 from ppmc.files import VoxelGrid
-from ppmc.scene.phantom import PhantomSection
+from ppmc.scene.sections.phantom import PhantomSection
 
 WAVES = 6
 SLAB_BYTES = 64 * 2**20

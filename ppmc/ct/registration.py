@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.files import VoxelGrid
-from ppmc.scene.ct import Registration
+from ppmc.scene.sections.ct import Registration
 
 
 def rotation_matrix(about_x: float, about_y: float, about_z: float) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from ppmc.ct import filters
 from ppmc.ct.follow import variance_along
 from ppmc.ct.signal import Signal
 from ppmc.errors import SceneError
-from ppmc.scene.ct import CtSection
+from ppmc.scene.sections.ct import CtSection
 
 Triple = tuple[float, float, float]
 Three = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]

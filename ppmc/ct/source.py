@@ -10,7 +10,7 @@ from pathlib import Path
 from ppmc.ct.formats import opener_of
 from ppmc.ct.volume import Volume
 from ppmc.errors import InputFileError
-from ppmc.scene.ct import VolumeSource
+from ppmc.scene.sections.ct import VolumeSource
 
 __all__ = ["Volume", "open_volume"]
 

@@ -32,12 +32,12 @@ from ppmc.files import FIELDS, Claim, Provenance, VoxelGrid, VoxelWriter, check_
 from ppmc.files.voxels import Packed, chunks_of
 from ppmc.notices import notice
 from ppmc.progress import Progress
-from ppmc.scene.ct import VolumeSource
 from ppmc.scene.depends import of_ct, of_phantom
+from ppmc.scene.sections.ct import VolumeSource
 
 if TYPE_CHECKING:
     from ppmc.scene import Scene
-    from ppmc.scene.ct import CtSection
+    from ppmc.scene.sections.ct import CtSection
 
 JOB_THREADS = 4
 """Threads for which work that may go on elsewhere is cut, unless the scene says: all machines must cut it alike."""

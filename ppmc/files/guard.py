@@ -133,7 +133,7 @@ def _check_schema(file: h5py.File, path: Path, product: str | None) -> None:
     version = tuple(int(v) for v in np.atleast_1d(group.attrs.get("schema_version", (0,))))
     if version[0] != SCHEMA_VERSION[0]:
         raise InputFileError(
-            f"{path}: /ppmc@schema_version is {version}, this ppmc reads {SCHEMA_VERSION}; install a matching ppmc"
+            f"{path}: /ppmc.schema_version is {version}, this ppmc reads {SCHEMA_VERSION}; install a matching ppmc"
         )
 
 

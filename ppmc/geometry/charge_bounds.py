@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ppmc.errors import SceneError
 from ppmc.geometry.domain import closed_domain
-from ppmc.geometry.toolset import ToolSet
-from ppmc.scene.charge import BoxDomain, Domain, DrapedDomain
+from ppmc.geometry.tools.toolset import ToolSet
+from ppmc.scene.sections.charge import BoxDomain, Domain, DrapedDomain
 
 Array = NDArray[np.float64]
 SAMPLES = 25
@@ -23,7 +23,7 @@ def charge_bounds(domain: Domain, tools: ToolSet | None, directory: Path) -> tup
 
     Parameters
     ----------
-    domain : one of the domains of :mod:`ppmc.scene.charge`
+    domain : one of the domains of :mod:`ppmc.scene.sections.charge`
         Exact but for a draped sheet, whose box is that of its flat outline put down on the tool: a little too large
         across slopes.
     tools : ToolSet or None

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ppmc.errors import SceneError
-from ppmc.geometry.distance import as_points, no_offsets, signed_distances
-from ppmc.geometry.outline import outline_integrals
-from ppmc.geometry.packed import ToolArrays
-from ppmc.geometry.surface import ClosedSurface, read_surface
-from ppmc.geometry.toolset import compile_tools, rotation_matrix
-from ppmc.scene.tooling import (
+from ppmc.geometry.points import as_points
+from ppmc.geometry.surfaces.surface import ClosedSurface, read_surface
+from ppmc.geometry.tools.distance import no_offsets, signed_distances
+from ppmc.geometry.tools.outline import outline_integrals
+from ppmc.geometry.tools.packed import ToolArrays
+from ppmc.geometry.tools.toolset import compile_tools, rotation_matrix
+from ppmc.scene.sections.tooling import (
     BoxTool,
     CylinderTool,
     ExtrusionTool,

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from ppmc.scene.charge import CtOrientation, DrapedDomain, LocalOrientation
 from ppmc.scene.scene import Scene
+from ppmc.scene.sections.charge import CtOrientation, DrapedDomain, LocalOrientation
 
 FLOW_SECTIONS = ("tooling", "material", "solver")
 

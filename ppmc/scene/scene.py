@@ -9,14 +9,14 @@ from typing import Any
 from pydantic import BaseModel, Field, PrivateAttr
 
 from ppmc.errors import SceneError
-from ppmc.scene.analysis import AnalysisSection
 from ppmc.scene.base import Name, Section
-from ppmc.scene.charge import ChargeSection
-from ppmc.scene.ct import CtSection
-from ppmc.scene.material import MaterialSection
-from ppmc.scene.phantom import PhantomSection
-from ppmc.scene.solver import SolverSection
-from ppmc.scene.tooling import Tool
+from ppmc.scene.sections.analysis import AnalysisSection
+from ppmc.scene.sections.charge import ChargeSection
+from ppmc.scene.sections.ct import CtSection
+from ppmc.scene.sections.material import MaterialSection
+from ppmc.scene.sections.phantom import PhantomSection
+from ppmc.scene.sections.solver import SolverSection
+from ppmc.scene.sections.tooling import Tool
 
 
 class Scene(Section):

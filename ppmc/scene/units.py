@@ -15,6 +15,21 @@ from pydantic_core import PydanticCustomError
 
 from ppmc.scene.quantity import QuantityError, parse_quantity
 
+# Least and largest magnitude that a moulding has, by unit, a few decades beyond the strangest: what lies outside is a
+# slip of the exponent, and what is computed with it overflows or never ends.
+MAGNITUDES = {
+    "mm": (1e-9, 1e6),
+    "s": (1e-12, 1e9),
+    "mm/s": (1e-15, 1e7),
+    "Pa*s": (1e-9, 1e18),
+    "Pa": (1e-9, 1e18),
+    "uN": (1e-12, 1e18),
+    "g/mm^3": (1e-12, 1e15),
+    "degree": (1e-12, 1e5),
+    "1/s": (1e-15, 1e9),
+    "Pa*s/mm": (1e-12, 1e18),
+}
+
 
 def to_base(value: Any, unit: str) -> float:
     """Return `value` as a number in `unit`.
@@ -62,7 +77,23 @@ def _quantity(unit: str, **bounds: Any) -> Any:
         "anyOf": [{"type": "number"}, {"type": "string"}],
         "description": f"number in {unit} or text with a unit{low}",
     }
-    return Annotated[float, BeforeValidator(lambda v: to_base(v, unit)), Field(**bounds), WithJsonSchema(schema)]
+    return Annotated[
+        float,
+        BeforeValidator(lambda v: to_base(v, unit)),
+        Field(**bounds),
+        AfterValidator(lambda v: _of_a_moulding(v, unit)),
+        WithJsonSchema(schema),
+    ]
+
+
+def _of_a_moulding(value: float, unit: str) -> float:
+    """Refuse what is beyond all mouldings."""
+    least, most = MAGNITUDES[unit]
+    if abs(value) > most:
+        raise _refusal(f"{{value}} {{unit}} is beyond any moulding: at most {most:g} {unit}", f"{value:g}", unit)
+    if 0.0 < abs(value) < least:
+        raise _refusal(f"{{value}} {{unit}} is beyond any moulding: at least {least:g} {unit}", f"{value:g}", unit)
+    return value
 
 
 if TYPE_CHECKING:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ppmc.errors import SceneError
-from ppmc.geometry.tool_checks import SAMPLES_ALONG, check_tools_apart, idle_tools
-from ppmc.geometry.toolset import ToolSet, compile_tools
-from ppmc.scene.charge import UniformOrientation
-from ppmc.scene.materials.relations import axial_viscosity
-from ppmc.solver.estimates import (
+from ppmc.geometry.tools.checks import SAMPLES_ALONG, check_tools_apart, idle_tools
+from ppmc.geometry.tools.toolset import ToolSet, compile_tools
+from ppmc.scene.sections.charge import UniformOrientation
+from ppmc.scene.sections.materials.relations import axial_viscosity
+from ppmc.solver.forecast.estimates import (
     FULL,
     Charge,
     NarrowPlace,
@@ -23,9 +23,9 @@ from ppmc.solver.estimates import (
     make_plan,
     narrow_places,
 )
-from ppmc.solver.homogeneous import Squeeze, homogeneous_squeeze
-from ppmc.solver.machine_speed import relative_speed
-from ppmc.solver.spread import ENOUGH_LAYERS
+from ppmc.solver.forecast.homogeneous import Squeeze, homogeneous_squeeze
+from ppmc.solver.forecast.machine_speed import relative_speed
+from ppmc.solver.step.spread import ENOUGH_LAYERS
 
 if TYPE_CHECKING:
     from ppmc.scene import Scene

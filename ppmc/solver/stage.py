@@ -58,11 +58,11 @@ def run(
     StoppedWithCheckpoint
         On SIGTERM or the wall-clock limit.
     """
-    from ppmc.geometry.tool_checks import idle_tools
-    from ppmc.solver.charge_checks import check_charge
-    from ppmc.solver.setup import check_room, prepare, spacing_of
-    from ppmc.solver.simulation import Simulation
-    from ppmc.solver.spread import check_layers
+    from ppmc.geometry.tools.checks import idle_tools
+    from ppmc.solver.run.charge_checks import check_charge
+    from ppmc.solver.run.setup import check_room, prepare, spacing_of
+    from ppmc.solver.run.simulation import Simulation
+    from ppmc.solver.step.spread import check_layers
 
     for section in FLOW_SECTIONS:
         scene.require(section)

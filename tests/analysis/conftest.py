@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ppmc.analysis.rendering import Rendered
+from ppmc.analysis.figures.rendering import Rendered
 from ppmc.files import Provenance, SeriesWriter, VoxelGrid, write_particles, write_voxels
 from ppmc.orientation import normalise, push_affine, push_normal
 

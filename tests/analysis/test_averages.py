@@ -3,10 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ppmc.analysis import moments
-from ppmc.analysis.averages import FOURTH, fourth_components, in_frames, region_averages, region_sums
-from ppmc.analysis.regions import Region, box, cylinder, everything, sphere
-from ppmc.analysis.samples import Samples, join
+from ppmc.analysis.averages.averages import FOURTH, fourth_components, in_frames, moments, region_averages, region_sums
+from ppmc.analysis.averages.regions import Region, box, cylinder, everything, sphere
+from ppmc.analysis.averages.samples import Samples, join
 from ppmc.orientation import normalise, orientation_tensor, orientation_tensor4
 
 

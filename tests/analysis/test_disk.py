@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ppmc.analysis.disk import disk_deformation_gradient, disk_tensor_mode, disk_tensors, disk_velocity_gradient
+from ppmc.analysis.flow.disk import disk_deformation_gradient, disk_tensor_mode, disk_tensors, disk_velocity_gradient
 
 TABLE = """
 0    .00042 .95214 .04744 0       .95214 .00042 .04744 0

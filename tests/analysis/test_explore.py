@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ppmc.analysis import stage, views
-from ppmc.analysis.disk import disk_tensors
+from ppmc.analysis import stage
+from ppmc.analysis.averages.regions import box, everything
 from ppmc.analysis.explore import disk_figure, fourth_frame, read_samples, region_frame, view_figure
-from ppmc.analysis.regions import box, everything
+from ppmc.analysis.figures import views
+from ppmc.analysis.flow.disk import disk_tensors
 from ppmc.errors import InputFileError, SceneError
 from ppmc.orientation.tensor_ode import TensorModel
 from ppmc.scene import parse_scene

@@ -3,13 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ppmc.analysis.averages import region_averages
-from ppmc.analysis.ensemble import ensemble, particle_difference
-from ppmc.analysis.fill import fill_times
-from ppmc.analysis.knit import find_knit_lines
-from ppmc.analysis.occupancy import Cells, cells_around
-from ppmc.analysis.regions import box, everything
-from ppmc.analysis.samples import Samples
+from ppmc.analysis.averages.averages import region_averages
+from ppmc.analysis.averages.regions import box, everything
+from ppmc.analysis.averages.samples import Samples
+from ppmc.analysis.flow.ensemble import ensemble, particle_difference
+from ppmc.analysis.flow.fill import fill_times
+from ppmc.analysis.flow.knit import find_knit_lines
+from ppmc.analysis.flow.occupancy import Cells, cells_around
 
 
 def lattice(low: tuple[float, ...], high: tuple[float, ...], h: float = 1.0) -> np.ndarray:

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ppmc.analysis.comparisons import compare_with_mask, read_picture
-from ppmc.analysis.samples import Samples
-from ppmc.analysis.surfaces import dominant_surfaces
+from ppmc.analysis.averages.samples import Samples
+from ppmc.analysis.figures.surfaces import dominant_surfaces
+from ppmc.analysis.flow.comparisons import compare_with_mask, read_picture
 from ppmc.errors import InputFileError
 from ppmc.files import open_series
-from ppmc.scene.analysis import FrontMask
+from ppmc.scene.sections.analysis import FrontMask
 from tests.analysis.conftest import Chain
 from tests.analysis.test_fill_knit_ensemble import lattice
 

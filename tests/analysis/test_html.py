@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from ppmc.analysis.html import Document, number
+from ppmc.analysis.report.html import Document, number
 
 
 @pytest.mark.parametrize(

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ppmc.analysis.averages import in_frames, region_averages
-from ppmc.analysis.local import local_frames, localise, material_normals, nearest_normals, turned_to
-from ppmc.analysis.paths import swept_path
-from ppmc.analysis.samples import Samples
+from ppmc.analysis.averages.averages import in_frames, region_averages
+from ppmc.analysis.averages.local import local_frames, localise, material_normals, nearest_normals, turned_to
+from ppmc.analysis.averages.paths import swept_path
+from ppmc.analysis.averages.samples import Samples
 
 RNG = np.random.default_rng(8)
 
@@ -68,7 +68,7 @@ def test_nearest_tool_gives_the_normal() -> None:
 
 @pytest.mark.parametrize("time", [0.0])
 def test_normals_from_a_tool_of_the_scene(time: float) -> None:
-    from ppmc.analysis.build import tool_normals
+    from ppmc.analysis.averages.build import tool_normals
     from ppmc.scene import parse_scene
 
     scene = parse_scene("""

@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ppmc.analysis.averages import region_averages
-from ppmc.analysis.mapping import map_to_elements
-from ppmc.analysis.regions import box
-from ppmc.analysis.samples import Samples
-from ppmc.analysis.stiffness import Lamina, averaged_stiffness, engineering_moduli, stiffness_matrix
+from ppmc.analysis.averages.averages import region_averages
+from ppmc.analysis.averages.regions import box
+from ppmc.analysis.averages.samples import Samples
+from ppmc.analysis.mesh.mapping import map_to_elements
+from ppmc.analysis.mesh.stiffness import Lamina, averaged_stiffness, engineering_moduli, stiffness_matrix
 from ppmc.errors import InputFileError
 from ppmc.orientation import normalise, orientation_tensor, orientation_tensor4
 

@@ -8,11 +8,11 @@ import meshio
 import numpy as np
 import pytest
 
-from ppmc.analysis.mapping import map_to_elements
-from ppmc.analysis.mesh import StructuralMesh, read_mesh
-from ppmc.analysis.mesh_formats import write_mapped
-from ppmc.analysis.samples import Samples
-from ppmc.analysis.structural import MappedMesh
+from ppmc.analysis.averages.samples import Samples
+from ppmc.analysis.mesh.formats import write_mapped
+from ppmc.analysis.mesh.mapping import map_to_elements
+from ppmc.analysis.mesh.mesh import StructuralMesh, read_mesh
+from ppmc.analysis.mesh.structural import MappedMesh
 from ppmc.errors import InputFileError, SceneError
 from ppmc.orientation import normalise
 
@@ -221,7 +221,7 @@ def test_calculix_and_lsdyna_cards_give_p_q_r(tmp_path: Path) -> None:
 
 
 def test_lsdyna_bricks_of_fewer_nodes_are_right_handed(tmp_path: Path) -> None:
-    from ppmc.analysis.mesh_formats.lsdyna import CARDS
+    from ppmc.analysis.mesh.formats.lsdyna import CARDS
 
     corners = np.array(
         [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]]

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ppmc.analysis.occupancy import Cells, cells_around, fill_shares, occupancy, overlap, silhouette
-from ppmc.analysis.samples import Samples
+from ppmc.analysis.averages.samples import Samples
+from ppmc.analysis.flow.occupancy import Cells, cells_around, fill_shares, occupancy, overlap, silhouette
 from tests.analysis.test_fill_knit_ensemble import lattice
 
 SHEARED = np.array([[1.4, 0.5, 0.0], [0.0, 1.0, 0.3], [0.0, 0.0, 1 / 1.4]])

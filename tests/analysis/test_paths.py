@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ppmc.analysis.averages import in_frames, region_averages
-from ppmc.analysis.paths import circle_path, line_path, straight_path, swept_path
-from ppmc.analysis.samples import Samples
+from ppmc.analysis.averages.averages import in_frames, region_averages
+from ppmc.analysis.averages.paths import circle_path, line_path, straight_path, swept_path
+from ppmc.analysis.averages.samples import Samples
 from ppmc.errors import SceneError
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ppmc.analysis.html import Document
-from ppmc.analysis.report_verdict import verdict_table
+from ppmc.analysis.report.html import Document
+from ppmc.analysis.report.verdict import verdict_table
 from ppmc.analysis.stage import run
 from ppmc.files.verdict import Finding, Verdict
 from ppmc.scene import parse_scene

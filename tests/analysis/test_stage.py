@@ -8,9 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ppmc.analysis import rendering, stage, views
-from ppmc.analysis.rendering import Rendered
-from ppmc.analysis.sources import flow_source
+from ppmc.analysis import stage
+from ppmc.analysis.averages.sources import flow_source
+from ppmc.analysis.figures import rendering, views
+from ppmc.analysis.figures.rendering import Rendered
 from ppmc.errors import InputFileError, SceneError
 from ppmc.files import SeriesWriter, open_series
 from ppmc.files.provenance import file_digest

@@ -13,10 +13,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ppmc.analysis import check, movie, stage, views
-from ppmc.analysis.mesh import read_mesh
+from ppmc.analysis import check, stage
+from ppmc.analysis.figures import movie, views
+from ppmc.analysis.figures.rendering import RenderingStatus
+from ppmc.analysis.mesh.mesh import read_mesh
 from ppmc.analysis.output import file_names
-from ppmc.analysis.rendering import RenderingStatus
 from ppmc.analysis.stage import run_labels
 from ppmc.errors import InputFileError, SceneError
 from ppmc.scene import parse_scene

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ppmc.charge.directions import planar_random, plane_axes, uniform_frames
-from ppmc.charge.frames import Frames
+from ppmc.charge.orientations.directions import planar_random, plane_axes, uniform_frames
+from ppmc.charge.orientations.frames import Frames
 from ppmc.orientation import orientation_tensor, orientation_tensor4
 
 

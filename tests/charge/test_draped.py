@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from ppmc.charge.drape import drape, flat_sheet, turned
-from ppmc.charge.frames import DRAPED, Frames
-from ppmc.charge.membrane import membrane_energy, membrane_forces
+from ppmc.charge.domains.drape import drape, flat_sheet, turned
+from ppmc.charge.domains.membrane import membrane_energy, membrane_forces
+from ppmc.charge.orientations.frames import DRAPED, Frames
+from ppmc.charge.orientations.surface_normals import distance_of, local_frames, regional_frames
 from ppmc.charge.stage import run
-from ppmc.charge.surface_normals import distance_of, local_frames, regional_frames
 from ppmc.errors import SceneError
 from ppmc.files import read_particles
 from ppmc.geometry.charge_bounds import charge_bounds
 from ppmc.geometry.parts import DoubleDome
-from ppmc.geometry.toolset import compile_tools
+from ppmc.geometry.tools.toolset import compile_tools
 from ppmc.orientation import angle_between_axes, orientation_tensor
-from ppmc.scene.charge import DrapedDomain, RegionalOrientation
 from ppmc.scene.loader import parse_scene
 from ppmc.scene.scene import Scene
-from ppmc.scene.tooling import Tool
+from ppmc.scene.sections.charge import DrapedDomain, RegionalOrientation
+from ppmc.scene.sections.tooling import Tool
 
 TOOLING = TypeAdapter(dict[str, Tool])
 PIPE = {"tool": {"shape": "cylinder", "center": [0, 0, 0], "axis": [1, 0, 0], "radius": 15}}
@@ -67,7 +67,7 @@ def test_sheet_on_a_pipe_keeps_width_and_volume_where_padding_widens_it():
 
 def test_real_volume_of_a_draped_sheet():
     # Hexahedra between the particles: their volume is the flat sheet's, as counted from particle to particle.
-    from ppmc.geometry.parts.hex_mesh import HexMesh, grid_quads
+    from ppmc.geometry.parts.meshes.hexahedra import HexMesh, grid_quads
 
     part = DoubleDome()
     sheet, draped, distance = laid({"tool": part.tooling()["punch"]}, 3.3, **{**part.charge_domain(), "tool": "tool"})

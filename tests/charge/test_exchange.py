@@ -6,13 +6,13 @@ import pytest
 from ppmc.charge.cli import charge as command
 from ppmc.charge.exchange import FORMATS, read_points, writer_of
 from ppmc.charge.exchange.points import OrientedPoints
-from ppmc.charge.imported import imported_frames
+from ppmc.charge.orientations.imported import imported_frames
 from ppmc.charge.stage import export, run
 from ppmc.errors import InputFileError, SceneError
 from ppmc.files import read_particles
 from ppmc.orientation import angle_between_axes
-from ppmc.scene.charge import FileOrientation
 from ppmc.scene.loader import load_scene, parse_scene
+from ppmc.scene.sections.charge import FileOrientation
 
 SCENE = """
 name: block

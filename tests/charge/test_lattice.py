@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ppmc.charge.domain import lattice_of
-from ppmc.charge.lattice import box_lattice, filled_lattice
+from ppmc.charge.domains.domain import lattice_of
+from ppmc.charge.domains.lattice import box_lattice, filled_lattice
 from ppmc.errors import InputFileError, SceneError
-from ppmc.scene.charge import ChargeSection
+from ppmc.scene.sections.charge import ChargeSection
 
 UPRIGHT = {"shape": "cylinder", "center": [0, 0, 0], "axis": [0, 0, 1], "radius": 5, "length": 2}
 PRISM = {"shape": "extrusion", "axis": [0, 0, 1], "first_axis": [1, 0, 0], "length": 1}

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ppmc.charge.from_ct import frames_from_ct, placement
-from ppmc.charge.nearest import nearest_valid_voxels, read_voxels_at
+from ppmc.charge.orientations.from_ct import frames_from_ct, placement
+from ppmc.charge.orientations.nearest import nearest_valid_voxels, read_voxels_at
 from ppmc.errors import InputFileError, SceneError
 from ppmc.files import VoxelGrid
 from ppmc.orientation import angle_between_axes
-from ppmc.scene.charge import CtOrientation
+from ppmc.scene.sections.charge import CtOrientation
 
 TURNED = ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 

@@ -9,7 +9,7 @@ from ppmc.files import read_particles
 from ppmc.geometry.parts import PARTS, DoubleDome
 from ppmc.geometry.parts.cli import part
 from ppmc.geometry.parts.scene_text import make_part, scene_text
-from ppmc.geometry.toolset import compile_tools
+from ppmc.geometry.tools.toolset import compile_tools
 from ppmc.scene.loader import load_scene, parse_scene
 
 

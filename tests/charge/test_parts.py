@@ -7,10 +7,10 @@ import pytest
 from pydantic import TypeAdapter
 
 from ppmc.geometry.parts import PARTS, CenterGatedDisk, DoubleDome, PinBracket, Plaque
-from ppmc.geometry.toolset import compile_tools
-from ppmc.scene.analysis import PathSection, RegionSection
-from ppmc.scene.charge import BoxDomain
-from ppmc.scene.tooling import Tool
+from ppmc.geometry.tools.toolset import compile_tools
+from ppmc.scene.sections.analysis import PathSection, RegionSection
+from ppmc.scene.sections.charge import BoxDomain
+from ppmc.scene.sections.tooling import Tool
 
 TOOLING = TypeAdapter(dict[str, Tool])
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ppmc.charge import pictures
-from ppmc.charge.pictures import View, coloured, colours_of_ids, draw_in_tool, space_of, uppermost
+from ppmc.charge.figures import pictures
+from ppmc.charge.figures.pictures import View, coloured, colours_of_ids, draw_in_tool, space_of, uppermost
 from ppmc.charge.stage import draw, run
 from ppmc.files import ParticleFile, read_particles
-from ppmc.geometry.toolset import compile_tools
+from ppmc.geometry.tools.toolset import compile_tools
 from ppmc.scene.loader import parse_scene
 
 SCENE = """

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from ppmc.charge import five_step, random_numbers
-from ppmc.charge.five_step import COMPLETE, CUT_BY_WALL, FREE, INCOMPLETE, OUTSIDE, collect_cells, fill_layer
-from ppmc.charge.lattice import box_lattice, filled_lattice
+from ppmc.charge.domains.lattice import box_lattice, filled_lattice
 from ppmc.charge.orient import frames_of
-from ppmc.charge.platelets import distance_beyond, draw_sizes, random_platelets, tilted
+from ppmc.charge.platelets import five_step, random_numbers
+from ppmc.charge.platelets.five_step import COMPLETE, CUT_BY_WALL, FREE, INCOMPLETE, OUTSIDE, collect_cells, fill_layer
+from ppmc.charge.platelets.platelets import distance_beyond, draw_sizes, random_platelets, tilted
 from ppmc.errors import SceneError
 from ppmc.orientation import angle_between_axes, orientation_tensor
-from ppmc.scene.charge import ListedSizes, NormalSizes, PlateletsOrientation
+from ppmc.scene.sections.charge import ListedSizes, NormalSizes, PlateletsOrientation
 
 BRACKET = ((0.0, 0.0, 0.0), (93.5, 34.0, 6.0), (0.5, 0.5, 0.5))
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from ppmc.charge.domain import lattice_of
+from ppmc.charge.domains.domain import lattice_of
 from ppmc.geometry.parts import CenterGatedDisk, DoubleDome, Part, PinBracket, Plaque
 from ppmc.scene import Scene, load_scene
 

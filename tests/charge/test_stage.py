@@ -148,7 +148,7 @@ def test_true_platelet_ids_come_from_the_phantoms_volume(orientations, tmp_path)
 
 def test_stage_and_section_import_no_heavy_package():
     code = (
-        "import sys, ppmc.charge.cli, ppmc.scene.charge;"
+        "import sys, ppmc.charge.cli, ppmc.scene.sections.charge;"
         "bad = {'numba', 'scipy', 'pandas', 'pyvista', 'h5py'} & set(sys.modules); sys.exit(str(bad) if bad else 0)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

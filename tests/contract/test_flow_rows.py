@@ -14,8 +14,8 @@ import pytest
 
 from ppmc.cli import _run
 from ppmc.files import Provenance, open_series, write_particles
-from ppmc.solver.implicit import ImplicitIntegrator
-from ppmc.solver.simulation import Simulation
+from ppmc.solver.run.simulation import Simulation
+from ppmc.solver.step.implicit import ImplicitIntegrator
 
 SHAPE = (7, 6, 5)
 INTERVAL = 0.02

@@ -13,6 +13,14 @@ import pytest
 ROOT = Path(__file__).parents[2] / "ppmc"
 STAGES = ("ct", "charge", "solver", "analysis")
 CORE = ("scene", "files", "orientation", "geometry")
+# Rooms of a part from the ground up: each builds on those before it only, and the part's own files on all of them.
+ROOMS = {
+    "geometry": ("surfaces", "tools", "cavity", "parts", "abaqus"),
+    "charge": ("exchange", "orientations", "domains", "platelets", "figures"),
+    "solver": ("particles", "materials", "walls", "sph", "linear", "step", "run", "forecast"),
+    "analysis": ("averages", "flow", "mesh", "figures", "report"),
+}
+MOST_FILES = 12  # of a room, so that one sees at a glance what is in it
 HEAVY = ("numba", "scipy", "pandas", "pyvista", "vtk", "matplotlib", "skimage", "meshio")
 
 
@@ -45,6 +53,24 @@ def test_core_does_not_import_stages(part: str) -> None:
     for path in (ROOT / part).rglob("*.py"):
         others = parts_of_ppmc(path) & {*STAGES, "chain", "cli"}
         assert not others, f"{path.relative_to(ROOT)} imports {others}"
+
+
+@pytest.mark.parametrize("part", ROOMS)
+def test_rooms_build_on_the_rooms_below(part: str) -> None:
+    rooms = ROOMS[part]
+    assert {d.name for d in (ROOT / part).iterdir() if (d / "__init__.py").exists()} == set(rooms)
+    for floor, room in enumerate(rooms):
+        for path in (ROOT / part / room).rglob("*.py"):
+            names = [m.split(".") for m in imports(path) if m.startswith(f"ppmc.{part}.")]
+            above = {".".join(m[1:]) for m in names if m[2] in rooms[floor + 1 :]}
+            assert not above, f"{path.relative_to(ROOT)} imports {above}"
+
+
+@pytest.mark.parametrize("part", ROOMS)
+def test_no_room_is_crowded(part: str) -> None:
+    for folder in [ROOT / part, *(d for d in (ROOT / part).rglob("*") if d.is_dir())]:
+        files = [path for path in folder.glob("*.py") if path.name != "__init__.py"]
+        assert len(files) <= MOST_FILES, f"{folder.relative_to(ROOT)} has {len(files)} files"
 
 
 def test_the_import_scan_sees_imports() -> None:

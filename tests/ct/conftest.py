@@ -12,7 +12,7 @@ from ppmc.ct.orientations import Job, grey_reference, orientations
 from ppmc.ct.settings import settings
 from ppmc.ct.source import Volume
 from ppmc.ct.tiles import Tiling
-from ppmc.scene.ct import CtSection
+from ppmc.scene.sections.ct import CtSection
 
 
 def memory_volume(grey: np.ndarray, mask: np.ndarray | None = None) -> Volume:

@@ -12,7 +12,7 @@ from ppmc.ct.stage import make_phantom, run, suggest
 from ppmc.ct.suggest import texture_spectrum
 from ppmc.files import read_voxels
 from ppmc.scene import Scene
-from ppmc.scene.phantom import PhantomSection
+from ppmc.scene.sections.phantom import PhantomSection
 
 PHANTOM = {"cavity": (6, 5, 3.0), "voxel_size": 0.1, "platelet": {"length": 3, "width": 2, "thickness": 0.6}}
 

@@ -7,7 +7,7 @@ import pytest
 
 from ppmc.ct.phantom import Phantom
 from ppmc.orientation import angle_between_axes
-from ppmc.scene.phantom import PhantomSection
+from ppmc.scene.sections.phantom import PhantomSection
 
 INSIDE = np.s_[8:-8, 8:-8, 8:-8]
 ROUND = {"fibre_window": 2.0, "normal_window": 4.0}

@@ -12,7 +12,7 @@ from ppmc.ct.orientations import grey_reference
 from ppmc.ct.settings import settings
 from ppmc.ct.signal import signal_of
 from ppmc.orientation import angle_between_axes
-from ppmc.scene.ct import CtSection
+from ppmc.scene.sections.ct import CtSection
 
 ANISOTROPIC = (1.0, 1.0, 2.5)
 FLAT_VOXELS = {"sigma": 1.4, "fibre_window": 5.0, "normal_window": 5.0}

@@ -7,7 +7,7 @@ from scipy.ndimage import distance_transform_edt
 
 from ppmc.ct.phantom import Phantom
 from ppmc.orientation import angle_between_axes
-from ppmc.scene.phantom import PhantomSection
+from ppmc.scene.sections.phantom import PhantomSection
 
 SMALL = {"cavity": (8, 6, 3.0), "voxel_size": 0.1, "platelet": {"length": 4, "width": 2, "thickness": 0.6}}
 

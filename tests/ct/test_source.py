@@ -14,7 +14,7 @@ from ppmc.ct.formats.hdf5 import FILTERS
 from ppmc.ct.source import open_volume
 from ppmc.errors import InputFileError, PpmcError, SceneError
 from ppmc.files import Provenance, VoxelGrid, write_voxels
-from ppmc.scene.ct import VolumeSource
+from ppmc.scene.sections.ct import VolumeSource
 
 GREY = np.random.default_rng(0).integers(0, 255, (5, 6, 7)).astype(np.uint8)
 BOX = (slice(1, 4), slice(2, 6), slice(0, 5))

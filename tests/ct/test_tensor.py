@@ -7,7 +7,7 @@ import pytest
 
 from ppmc.ct.block import EDGE_VOTE, Reference, TensorStream, edge_votes
 from ppmc.ct.settings import settings
-from ppmc.scene.ct import CtSection
+from ppmc.scene.sections.ct import CtSection
 
 from ppmc.ct.source import Volume  # isort: skip
 from pathlib import Path  # isort: skip

@@ -13,7 +13,7 @@ from ppmc.ct.tiles import BASE_BYTES, MIB, tile_bytes, tiling
 from ppmc.errors import SceneError
 from ppmc.files import read_voxels
 from ppmc.scene import Scene
-from ppmc.scene.ct import CtSection
+from ppmc.scene.sections.ct import CtSection
 
 PHANTOM = {"cavity": (7, 7.2, 2.4), "voxel_size": 0.1, "platelet": {"length": 3, "width": 2, "thickness": 0.6}}
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from ppmc.geometry.toolset import ToolSet, compile_tools
-from ppmc.scene.tooling import Tool
+from ppmc.geometry.tools.toolset import ToolSet, compile_tools
+from ppmc.scene.sections.tooling import Tool
 
 
 @pytest.fixture(scope="session")

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from ppmc.errors import SceneError
-from ppmc.geometry.cavity import cavity_volume
-from ppmc.geometry.charge_balance import charge_balance
-from ppmc.geometry.toolset import ToolSet, rotation_matrix
-from ppmc.scene.tooling import Rotation
+from ppmc.geometry.cavity.cavity import cavity_volume
+from ppmc.geometry.cavity.charge_balance import charge_balance
+from ppmc.geometry.tools.toolset import ToolSet, rotation_matrix
+from ppmc.scene.sections.tooling import Rotation
 
 from .moulds import solid_of_boxes, turned, write_stl
 

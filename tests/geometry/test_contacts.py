@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numba
 import numpy as np
 
-from ppmc.geometry.contacts import find_contacts
-from ppmc.geometry.toolset import ToolSet
+from ppmc.geometry.tools.contacts import find_contacts
+from ppmc.geometry.tools.toolset import ToolSet
 
 STEP = [[-9, -9], [9, -9], [9, 0], [0, 0], [0, 4], [-9, 4]]
 

@@ -11,11 +11,11 @@ import pytest
 import pyvista
 
 from ppmc.errors import InputFileError
-from ppmc.geometry.contacts import find_contacts
-from ppmc.geometry.distance_grid import distance_grid
-from ppmc.geometry.surface import ClosedSurface, closed_surface
-from ppmc.geometry.toolset import ToolSet
-from ppmc.geometry.triangles import mesh_distances
+from ppmc.geometry.surfaces.surface import ClosedSurface, closed_surface
+from ppmc.geometry.surfaces.triangles import mesh_distances
+from ppmc.geometry.tools.contacts import find_contacts
+from ppmc.geometry.tools.distance_grid import distance_grid
+from ppmc.geometry.tools.toolset import ToolSet
 
 RING, TUBE = 10.0, 4.0
 

@@ -10,11 +10,11 @@ import pyvista
 from pydantic import Field, TypeAdapter
 
 from ppmc.errors import SceneError
-from ppmc.geometry.cavity import cavity_volume
+from ppmc.geometry.cavity.cavity import cavity_volume
 from ppmc.geometry.domain import Domain, closed_domain
-from ppmc.geometry.tool_checks import check_charge_clear, check_tools_apart, tool_gaps
-from ppmc.geometry.toolset import ToolSet
-from ppmc.scene.tooling import SolidTool
+from ppmc.geometry.tools.checks import check_charge_clear, check_tools_apart, tool_gaps
+from ppmc.geometry.tools.toolset import ToolSet
+from ppmc.scene.sections.tooling import SolidTool
 
 LOW = {"shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}
 RAM = {"shape": "plane", "point": [0, 0, 6], "normal": [0, 0, -1], "motion": {"velocity": [0, 0, -3]}}

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ppmc.geometry.tool_checks import idle_tools
-from ppmc.geometry.toolset import compile_tools
+from ppmc.geometry.tools.checks import idle_tools
+from ppmc.geometry.tools.toolset import compile_tools
 from ppmc.scene import parse_scene
 
 BOX = np.array(np.meshgrid(*[np.linspace(0.0, s, 5) for s in (4.0, 4.0, 2.0)], indexing="ij")).reshape(3, -1).T

@@ -9,9 +9,9 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from ppmc.errors import SceneError
-from ppmc.geometry.packed import NAVIER, NO_SLIP, SLIP
-from ppmc.geometry.toolset import ToolSet, compile_tools
-from ppmc.scene.tooling import Tool
+from ppmc.geometry.tools.packed import NAVIER, NO_SLIP, SLIP
+from ppmc.geometry.tools.toolset import ToolSet, compile_tools
+from ppmc.scene.sections.tooling import Tool
 
 PLANE = {"shape": "plane", "point": [0, 0, "6 mm"], "normal": [0, 0, -1]}
 TABLE = {"times": ["0 s", "1 s", "3 s"], "displacements": [[0, 0, 0], [0, 0, -2], [0, 0, "-3 mm"]]}

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from ppmc.errors import SceneError
-from ppmc.geometry.distance import distance_bound
-from ppmc.geometry.outline import outline_integrals, outline_segments
-from ppmc.geometry.toolset import ToolSet
+from ppmc.geometry.tools.distance import distance_bound
+from ppmc.geometry.tools.outline import outline_integrals, outline_segments
+from ppmc.geometry.tools.toolset import ToolSet
 
 U_PROFILE = [[-5, 0], [5, 0], [5, 6], [2, 6], [2, 2], [-2, 2], [-2, 6], [-5, 6]]
 

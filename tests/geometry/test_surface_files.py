@@ -8,7 +8,7 @@ import pytest
 import pyvista
 
 from ppmc.errors import InputFileError
-from ppmc.geometry.surface import closed_surface, points_inside, read_surface
+from ppmc.geometry.surfaces.surface import closed_surface, points_inside, read_surface
 
 RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ppmc.solver.kernel_shape import full, inverse_shape
-from ppmc.solver.neighbours import build_list, weigh_pairs
-from ppmc.solver.operator import Operator, assemble
+from ppmc.solver.particles.kernel_shape import full, inverse_shape
+from ppmc.solver.particles.neighbours import build_list, weigh_pairs
+from ppmc.solver.sph.operator import Operator, assemble
 
 
 def lattice(shape: tuple[int, int, int], jitter: float = 0.0, seed: int = 0) -> np.ndarray:

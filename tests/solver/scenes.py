@@ -4,15 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmc.geometry.toolset import compile_tools
-from ppmc.scene.materials.transversely_isotropic import TransverselyIsotropic
-from ppmc.scene.solver import SolverSection
-from ppmc.scene.tooling import PlaneTool
-from ppmc.solver.implicit import ImplicitIntegrator
-from ppmc.solver.model import Model, StepReport
-from ppmc.solver.state import ParticleState
-from ppmc.solver.time_step import fit_to_times, proposed_step
-from ppmc.solver.tools import Walls
+from ppmc.geometry.tools.toolset import compile_tools
+from ppmc.scene.sections.materials.transversely_isotropic import TransverselyIsotropic
+from ppmc.scene.sections.solver import SolverSection
+from ppmc.scene.sections.tooling import PlaneTool
+from ppmc.solver.particles.state import ParticleState
+from ppmc.solver.step.implicit import ImplicitIntegrator
+from ppmc.solver.step.model import Model, StepReport
+from ppmc.solver.step.time_step import fit_to_times, proposed_step
+from ppmc.solver.walls.tools import Walls
 
 from .blocks import lattice
 

@@ -10,7 +10,7 @@ import pytest
 
 from ppmc.errors import InputFileError
 from ppmc.files import Provenance, read_particles, write_particles
-from ppmc.solver.charge_checks import check_charge
+from ppmc.solver.run.charge_checks import check_charge
 
 
 def write(path: Path, **changed: Any) -> Path:

@@ -12,16 +12,16 @@ from ppmc.charge.stage import run as make_charge
 from ppmc.cli import _run
 from ppmc.errors import SceneError
 from ppmc.files import read_particles
-from ppmc.geometry.toolset import compile_tools
+from ppmc.geometry.tools.toolset import compile_tools
 from ppmc.scene.loader import parse_scene
 from ppmc.scene.scene import Scene
 from ppmc.solver.check import findings
-from ppmc.solver.closed_form import free_squeeze, walled_squeeze
-from ppmc.solver.estimates import describe_charge, explicit_steps, implicit_steps, make_plan, narrow_places
-from ppmc.solver.explicit import ExplicitIntegrator
-from ppmc.solver.homogeneous import Squeeze, homogeneous_squeeze
-from ppmc.solver.setup import prepare
+from ppmc.solver.forecast.closed_form import free_squeeze, walled_squeeze
+from ppmc.solver.forecast.estimates import describe_charge, explicit_steps, implicit_steps, make_plan, narrow_places
+from ppmc.solver.forecast.homogeneous import Squeeze, homogeneous_squeeze
+from ppmc.solver.run.setup import prepare
 from ppmc.solver.stage import run as solve_scene
+from ppmc.solver.step.explicit import ExplicitIntegrator
 
 from .scenes import make_squeeze, squeeze
 

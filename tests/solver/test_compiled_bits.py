@@ -10,12 +10,12 @@ import pytest
 SCRIPT = """
 import hashlib
 import numpy as np
-from ppmc.solver.explicit import _opposing_force
-from ppmc.solver.gradient import moments_and_gradient
-from ppmc.solver.cells import sort_into_cells
-from ppmc.solver.neighbours import build_list, weigh_pairs
+from ppmc.solver.step.explicit import _opposing_force
+from ppmc.solver.sph.gradient import moments_and_gradient
+from ppmc.solver.particles.cells import sort_into_cells
+from ppmc.solver.particles.neighbours import build_list, weigh_pairs
 from tests.solver.blocks import lattice, unit_vectors
-from ppmc.solver.operator import assemble
+from ppmc.solver.sph.operator import assemble
 
 x = lattice((9, 8, 7), jitter=0.2)
 x = x[sort_into_cells(x, 2.86).order]

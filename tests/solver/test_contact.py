@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ppmc.geometry.toolset import compile_tools
-from ppmc.scene.tooling import PlaneTool
-from ppmc.solver.contact import (
+from ppmc.geometry.tools.toolset import compile_tools
+from ppmc.scene.sections.tooling import PlaneTool
+from ppmc.solver.walls.contact import (
     Contacts,
     between_wall_layers,
     half_widths,
@@ -13,7 +13,7 @@ from ppmc.solver.contact import (
     places,
     starting_half_widths,
 )
-from ppmc.solver.tools import AT_ONCE, faces_near
+from ppmc.solver.walls.tools import AT_ONCE, faces_near
 
 
 def one_particle(normals, gaps, velocities=None) -> Contacts:

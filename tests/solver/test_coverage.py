@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ppmc.solver.coverage import LET_GO, LOST_WAY, Coverage
-from ppmc.solver.model import Touched
+from ppmc.solver.run.coverage import LET_GO, LOST_WAY, Coverage
+from ppmc.solver.step.model import Touched
 
 DOWN, UP = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0])
 REST = np.zeros(3)

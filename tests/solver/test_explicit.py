@@ -6,12 +6,12 @@ import numba
 import numpy as np
 import pytest
 
-from ppmc.geometry.toolset import compile_tools
-from ppmc.scene.tooling import PlaneTool
-from ppmc.solver.explicit import ExplicitIntegrator, _opposing_force
-from ppmc.solver.time_step import fit_to_times
-from ppmc.solver.tool_loads import wall_drag
-from ppmc.solver.wall_layer import brake
+from ppmc.geometry.tools.toolset import compile_tools
+from ppmc.scene.sections.tooling import PlaneTool
+from ppmc.solver.step.explicit import ExplicitIntegrator, _opposing_force
+from ppmc.solver.step.time_step import fit_to_times
+from ppmc.solver.step.tool_loads import wall_drag
+from ppmc.solver.walls.wall_layer import brake
 
 from .blocks import lattice, make_operator, unit_vectors
 from .scenes import make_squeeze, squeeze

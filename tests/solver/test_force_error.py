@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ppmc.solver import contact_passes
-from ppmc.solver.force_error import force_error
+from ppmc.solver.linear.force_error import force_error
+from ppmc.solver.step import contact_passes
 
 from .blocks import lattice, make_operator, unit_vectors
 from .scenes import make_squeeze

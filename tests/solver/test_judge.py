@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from ppmc.solver.history import History
-from ppmc.solver.verdict import LIMITS, REASONS, Limits, coverage, judge
+from ppmc.solver.run.history import History
+from ppmc.solver.run.verdict import LIMITS, REASONS, Limits, coverage, judge
 
 TOOLS = ("lower", "ram")
 STEPS = 4

@@ -6,11 +6,11 @@ import pytest
 from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
-from ppmc.solver.cells import sort_into_cells
-from ppmc.solver.implicit import SKIN, ImplicitIntegrator
-from ppmc.solver.kernel_shape import full, inverse_shape
-from ppmc.solver.neighbours import NeighbourList, Pairs, build_list, weigh_pairs
-from ppmc.solver.smoothing import SUPPORT
+from ppmc.solver.particles.cells import sort_into_cells
+from ppmc.solver.particles.kernel_shape import full, inverse_shape
+from ppmc.solver.particles.neighbours import NeighbourList, Pairs, build_list, weigh_pairs
+from ppmc.solver.particles.smoothing import SUPPORT
+from ppmc.solver.step.implicit import SKIN, ImplicitIntegrator
 
 from .blocks import lattice, stretched, wendland_weight
 from .scenes import make_squeeze

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ppmc.solver.gradient import velocity_gradient
-from ppmc.solver.kernel_shape import full
-from ppmc.solver.power import material_power
-from ppmc.solver.smoothing import kernel_value
-from ppmc.solver.viscosity import dissipation, viscous_stress
+from ppmc.solver.particles.kernel_shape import full
+from ppmc.solver.particles.smoothing import kernel_value
+from ppmc.solver.sph.gradient import velocity_gradient
+from ppmc.solver.sph.power import material_power
+from ppmc.solver.sph.viscosity import dissipation, viscous_stress
 
 from .blocks import dense_matrix, lattice, make_operator, power_by_definition, stretched, unit_vectors
 

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from ppmc.errors import NumericalError
-from ppmc.solver.block_jacobi import multiply_rows, multiply_symmetric, restricted_inverse
-from ppmc.solver.coarse_grid import FREE_VALUES, MOST_VALUES, SHIFT, USUAL_CANDIDATES, CoarseGrid, make_grid
-from ppmc.solver.conjugate_gradient import conjugate_gradient
-from ppmc.solver.operator import Operator
-from ppmc.solver.rigid_modes import Pieces, free_rigid_modes
-from ppmc.solver.skyline import factorise
-from ppmc.solver.system import VelocitySystem
+from ppmc.solver.linear.block_jacobi import multiply_rows, multiply_symmetric, restricted_inverse
+from ppmc.solver.linear.coarse_grid import FREE_VALUES, MOST_VALUES, SHIFT, USUAL_CANDIDATES, CoarseGrid, make_grid
+from ppmc.solver.linear.conjugate_gradient import conjugate_gradient
+from ppmc.solver.linear.rigid_modes import Pieces, free_rigid_modes
+from ppmc.solver.linear.skyline import factorise
+from ppmc.solver.linear.system import VelocitySystem
+from ppmc.solver.sph.operator import Operator
 
 from .blocks import dense_matrix, lattice, make_operator, unit_vectors
 

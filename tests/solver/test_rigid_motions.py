@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from ppmc.geometry.toolset import compile_tools
-from ppmc.scene.materials.transversely_isotropic import TransverselyIsotropic
-from ppmc.scene.solver import SolverSection
-from ppmc.scene.tooling import CylinderTool, PlaneTool
-from ppmc.solver.gradient import moments_and_gradient
-from ppmc.solver.implicit import ImplicitIntegrator
-from ppmc.solver.model import Model
-from ppmc.solver.neighbours import build_list, weigh_pairs
-from ppmc.solver.operator import Operator
-from ppmc.solver.rigid_modes import Pieces, free_rigid_modes
-from ppmc.solver.state import ParticleState
-from ppmc.solver.tools import Walls
-from ppmc.solver.turning import chords
+from ppmc.geometry.tools.toolset import compile_tools
+from ppmc.scene.sections.materials.transversely_isotropic import TransverselyIsotropic
+from ppmc.scene.sections.solver import SolverSection
+from ppmc.scene.sections.tooling import CylinderTool, PlaneTool
+from ppmc.solver.linear.rigid_modes import Pieces, free_rigid_modes
+from ppmc.solver.particles.neighbours import build_list, weigh_pairs
+from ppmc.solver.particles.state import ParticleState
+from ppmc.solver.sph.gradient import moments_and_gradient
+from ppmc.solver.sph.operator import Operator
+from ppmc.solver.step.implicit import ImplicitIntegrator
+from ppmc.solver.step.model import Model
+from ppmc.solver.step.turning import chords
+from ppmc.solver.walls.tools import Walls
 
 from .blocks import lattice, make_operator, unit_vectors
 from .scenes import make_squeeze, run_to_end, squeeze

@@ -4,9 +4,9 @@ import numba
 import numpy as np
 import pytest
 
-from ppmc.solver.cells import sort_into_cells
-from ppmc.solver.neighbours import build_list, weigh_pairs
-from ppmc.solver.operator import assemble
+from ppmc.solver.particles.cells import sort_into_cells
+from ppmc.solver.particles.neighbours import build_list, weigh_pairs
+from ppmc.solver.sph.operator import assemble
 
 from .blocks import lattice, unit_vectors
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from ppmc.errors import NumericalError, SceneError
-from ppmc.solver.gradient import moment_inverses
-from ppmc.solver.kernel_shape import MOST_SWOLLEN, full, inverse_shape, kernel_of
-from ppmc.solver.neighbours import build_list, weigh_pairs
-from ppmc.solver.spread import check_layers, lies_flat
+from ppmc.solver.particles.kernel_shape import MOST_SWOLLEN, full, inverse_shape, kernel_of
+from ppmc.solver.particles.neighbours import build_list, weigh_pairs
+from ppmc.solver.sph.gradient import moment_inverses
+from ppmc.solver.step.spread import check_layers, lies_flat
 
 from .blocks import lattice, stretched
 from .scenes import make_squeeze, squeeze

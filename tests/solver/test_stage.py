@@ -13,8 +13,8 @@ import pytest
 from ppmc.errors import NumericalError, SceneError, StoppedWithCheckpoint
 from ppmc.files import Provenance, open_series, write_particles
 from ppmc.scene import parse_scene
-from ppmc.solver.checkpoint import checkpoint_paths
-from ppmc.solver.simulation import Simulation
+from ppmc.solver.run.checkpoint import checkpoint_paths
+from ppmc.solver.run.simulation import Simulation
 from ppmc.solver.stage import run
 
 from .blocks import lattice

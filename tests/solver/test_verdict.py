@@ -15,9 +15,9 @@ from ppmc.files import Provenance, open_series, read_state, write_particles
 from ppmc.files.describe import describe_file
 from ppmc.files.verdict import verdict_of
 from ppmc.scene import parse_scene
-from ppmc.solver.simulation import Simulation
+from ppmc.solver.run.simulation import Simulation
+from ppmc.solver.run.verdict import judge
 from ppmc.solver.stage import run
-from ppmc.solver.verdict import judge
 
 from .blocks import lattice
 

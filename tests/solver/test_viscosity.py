@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from ppmc.scene.materials.relations import (
+from ppmc.scene.sections.materials.relations import (
     axial_viscosity,
     ratio_from_aspect,
     ratio_from_viscosities,
@@ -13,7 +13,7 @@ from ppmc.scene.materials.relations import (
     transverse_viscosity,
 )
 from ppmc.solver.materials.planar_uniform import three_axes
-from ppmc.solver.viscosity import viscosity_tensor, viscous_stress
+from ppmc.solver.sph.viscosity import viscosity_tensor, viscous_stress
 
 RATIOS = [1.0, 7.3, 116.0, 1000.0, 61215.0]
 E1, E2, E3 = np.eye(3)

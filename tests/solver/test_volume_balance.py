@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from ppmc.geometry.toolset import compile_tools
-from ppmc.scene.tooling import BoxTool
-from ppmc.solver.neighbours import Pairs, build_list, weigh_pairs
-from ppmc.solver.state import ParticleState
-from ppmc.solver.tools import Walls
-from ppmc.solver.volume_balance import correct_volume, measured_packing
+from ppmc.geometry.tools.toolset import compile_tools
+from ppmc.scene.sections.tooling import BoxTool
+from ppmc.solver.particles.neighbours import Pairs, build_list, weigh_pairs
+from ppmc.solver.particles.state import ParticleState
+from ppmc.solver.sph.volume_balance import correct_volume, measured_packing
+from ppmc.solver.walls.tools import Walls
 
 from .blocks import lattice
 

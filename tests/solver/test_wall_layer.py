@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ppmc.solver.contact import Contacts
-from ppmc.solver.viscosity import viscosity_tensor
-from ppmc.solver.wall_layer import layer_drag, sheared
+from ppmc.solver.sph.viscosity import viscosity_tensor
+from ppmc.solver.walls.contact import Contacts
+from ppmc.solver.walls.wall_layer import layer_drag, sheared
 
 from .blocks import unit_vectors
 

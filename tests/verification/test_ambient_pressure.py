@@ -7,7 +7,7 @@ plates 4 eta rate, for these let it narrow across them only. Pull beyond the amb
 import numpy as np
 import pytest
 
-from ppmc.solver.explicit import ExplicitIntegrator
+from ppmc.solver.step.explicit import ExplicitIntegrator
 from tests.solver.scenes import make_squeeze, run_to_end
 
 DRAWN = 1.3  # height at the end over that of the start

@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from ppmc.solver.explicit import ExplicitIntegrator
-from ppmc.solver.implicit import ImplicitIntegrator
-from ppmc.solver.time_step import fit_to_times
+from ppmc.solver.step.explicit import ExplicitIntegrator
+from ppmc.solver.step.implicit import ImplicitIntegrator
+from ppmc.solver.step.time_step import fit_to_times
 from tests.solver.scenes import make_squeeze
 
 SHAPE, RATIO, REDUCTION = (6, 6, 4), 100.0, 0.8

@@ -17,19 +17,19 @@ from pydantic import TypeAdapter
 from ppmc.charge.stage import run as fill_charge
 from ppmc.files import open_series, read_particles
 from ppmc.geometry.parts.pin_bracket import PinBracket
-from ppmc.geometry.toolset import compile_tools
+from ppmc.geometry.tools.toolset import compile_tools
 from ppmc.scene import parse_scene
-from ppmc.scene.materials.transversely_isotropic import TransverselyIsotropic
-from ppmc.scene.solver import SolverSection
-from ppmc.scene.tooling import Tool
-from ppmc.solver.implicit import ImplicitIntegrator
-from ppmc.solver.kernel_shape import lattice_of
-from ppmc.solver.model import Model
-from ppmc.solver.setup import prepare, run_constants
+from ppmc.scene.sections.materials.transversely_isotropic import TransverselyIsotropic
+from ppmc.scene.sections.solver import SolverSection
+from ppmc.scene.sections.tooling import Tool
+from ppmc.solver.particles.kernel_shape import lattice_of
+from ppmc.solver.particles.state import ParticleState
+from ppmc.solver.run.setup import prepare, run_constants
 from ppmc.solver.stage import run as solve
-from ppmc.solver.state import ParticleState
-from ppmc.solver.time_step import fit_to_times, proposed_step
-from ppmc.solver.tools import Walls
+from ppmc.solver.step.implicit import ImplicitIntegrator
+from ppmc.solver.step.model import Model
+from ppmc.solver.step.time_step import fit_to_times, proposed_step
+from ppmc.solver.walls.tools import Walls
 
 PART = PinBracket(length=30.0, width=16.0, flange_thickness=5.0, hole_diameter=6.0, inset=5.0)
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ppmc.geometry.toolset import compile_tools
-from ppmc.scene.tooling import PlaneTool
-from ppmc.solver.tools import Walls
+from ppmc.geometry.tools.toolset import compile_tools
+from ppmc.scene.sections.tooling import PlaneTool
+from ppmc.solver.walls.tools import Walls
 from tests.solver.scenes import make_squeeze, run_to_end
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ppmc.solver.transport import convect_directions, jeffery_increment
+from ppmc.solver.sph.transport import convect_directions, jeffery_increment
 
 
 def test_period():

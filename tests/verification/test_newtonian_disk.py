@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ppmc.geometry.toolset import compile_tools
-from ppmc.scene.tooling import NavierFriction
-from ppmc.solver.tools import Walls
+from ppmc.geometry.tools.toolset import compile_tools
+from ppmc.scene.sections.tooling import NavierFriction
+from ppmc.solver.walls.tools import Walls
 from tests.solver.scenes import make_squeeze
 
 LAYERS, RATIO, SPEED = 6, 4.0, 3.0

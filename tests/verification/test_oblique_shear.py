@@ -10,15 +10,15 @@ rather draw the charge together along x1 than be stretched.
 import numpy as np
 import pytest
 
-from ppmc.geometry.toolset import compile_tools
-from ppmc.scene.materials.transversely_isotropic import TransverselyIsotropic
-from ppmc.scene.solver import SolverSection
-from ppmc.scene.tooling import NavierFriction, PlaneTool
-from ppmc.solver.explicit import ExplicitIntegrator
-from ppmc.solver.implicit import ImplicitIntegrator
-from ppmc.solver.model import Model
-from ppmc.solver.state import ParticleState
-from ppmc.solver.tools import Walls
+from ppmc.geometry.tools.toolset import compile_tools
+from ppmc.scene.sections.materials.transversely_isotropic import TransverselyIsotropic
+from ppmc.scene.sections.solver import SolverSection
+from ppmc.scene.sections.tooling import NavierFriction, PlaneTool
+from ppmc.solver.particles.state import ParticleState
+from ppmc.solver.step.explicit import ExplicitIntegrator
+from ppmc.solver.step.implicit import ImplicitIntegrator
+from ppmc.solver.step.model import Model
+from ppmc.solver.walls.tools import Walls
 from tests.solver.blocks import lattice
 
 RATIO, SPEED, AIR = 1000.0, 6.0, 1e6

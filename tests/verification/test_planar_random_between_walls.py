@@ -7,7 +7,7 @@ premise: all of them see the same deformation.
 import numpy as np
 import pytest
 
-from ppmc.scene.materials.orientation_mixture import OrientationMixture
+from ppmc.scene.sections.materials.orientation_mixture import OrientationMixture
 from ppmc.solver import materials
 from tests.solver.scenes import make_squeeze, run_to_end
 

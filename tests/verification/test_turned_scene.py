@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ppmc.files import Provenance, open_series, write_particles
-from ppmc.solver.setup import column_height
+from ppmc.solver.run.setup import column_height
 
 TURNS = {"upright": (0.0, 0.0, 0.6), "tilted": (0.39, -0.41, 0.31)}
 NOWHERE = np.eye(3)

@@ -11,7 +11,7 @@ from ppmc.ct.formats import dicom, hdf5, metaimage, nifti, nrrd, numpy, own, pic
 from ppmc.ct.volume import Volume
 from ppmc.errors import InputFileError
 from ppmc.notices import notice
-from ppmc.scene.ct import VolumeSource
+from ppmc.scene.sections.ct import VolumeSource
 
 Opener = Callable[[Path, VolumeSource], AbstractContextManager[Volume]]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ppmc.errors import InputFileError
 from ppmc.notices import notice
-from ppmc.scene.ct import VolumeSource
+from ppmc.scene.sections.ct import VolumeSource
 
 NAMES = {"C": "channel", "T": "time", "S": "channel"}
 """Axes with a key of their own in the scene; tifffile calls the colours of a pixel S."""

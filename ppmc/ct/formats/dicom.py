@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ppmc.ct.formats.array import Spacing
 from ppmc.ct.volume import Box, Volume
 from ppmc.errors import InputFileError
-from ppmc.scene.ct import VolumeSource
+from ppmc.scene.sections.ct import VolumeSource
 
 EVEN = 0.01
 """Relative difference of slice distances from which slices are missing."""

@@ -11,7 +11,7 @@ from ppmc.ct.formats.array import volume_of
 from ppmc.ct.formats.axes import choose, leading
 from ppmc.ct.volume import Volume
 from ppmc.errors import InputFileError
-from ppmc.scene.ct import VolumeSource
+from ppmc.scene.sections.ct import VolumeSource
 
 FILTERS = {
     305: "LZO", 307: "bzip2", 32000: "LZF", 32001: "Blosc", 32004: "LZ4", 32008: "bitshuffle", 32013: "ZFP",

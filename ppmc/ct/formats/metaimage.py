@@ -18,7 +18,7 @@ from ppmc.ct.formats.axes import choose, leading
 from ppmc.ct.volume import Volume
 from ppmc.errors import InputFileError
 from ppmc.notices import notice
-from ppmc.scene.ct import VolumeSource
+from ppmc.scene.sections.ct import VolumeSource
 
 TYPES = {
     "MET_CHAR": "i1", "MET_UCHAR": "u1", "MET_SHORT": "i2", "MET_USHORT": "u2", "MET_INT": "i4", "MET_UINT": "u4",

@@ -14,7 +14,7 @@ from ppmc.ct.formats.axes import choose, leading
 from ppmc.ct.volume import Volume
 from ppmc.errors import InputFileError
 from ppmc.notices import notice
-from ppmc.scene.ct import VolumeSource
+from ppmc.scene.sections.ct import VolumeSource
 
 
 @contextmanager

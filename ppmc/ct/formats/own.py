@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ppmc.ct.volume import Volume
-from ppmc.scene.ct import VolumeSource
+from ppmc.scene.sections.ct import VolumeSource
 
 
 @contextmanager

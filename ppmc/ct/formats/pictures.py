@@ -14,7 +14,7 @@ from ppmc.ct.formats.slices import in_order
 from ppmc.ct.volume import Box, Volume
 from ppmc.errors import InputFileError
 from ppmc.notices import notice
-from ppmc.scene.ct import VolumeSource
+from ppmc.scene.sections.ct import VolumeSource
 
 ENDINGS = {".png", ".jpg", ".jpeg", ".bmp"}
 LOSSY = {".jpg", ".jpeg"}

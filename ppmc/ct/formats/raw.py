@@ -10,7 +10,7 @@ import numpy as np
 
 from ppmc.ct.volume import Volume
 from ppmc.errors import InputFileError, SceneError
-from ppmc.scene.ct import VolumeSource
+from ppmc.scene.sections.ct import VolumeSource
 
 
 @contextmanager

@@ -22,7 +22,7 @@ from ppmc.ct.formats.axes import Chosen, choose
 from ppmc.ct.formats.slices import in_order
 from ppmc.ct.volume import Box, Volume
 from ppmc.errors import InputFileError
-from ppmc.scene.ct import VolumeSource
+from ppmc.scene.sections.ct import VolumeSource
 
 ENDINGS = {".tif", ".tiff"}
 

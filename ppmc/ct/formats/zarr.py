@@ -11,7 +11,7 @@ from ppmc.ct.formats.array import Spacing, in_mm, volume_of
 from ppmc.ct.formats.axes import choose, leading
 from ppmc.ct.volume import Volume
 from ppmc.errors import InputFileError
-from ppmc.scene.ct import VolumeSource
+from ppmc.scene.sections.ct import VolumeSource
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from ppmc.geometry.parts.part import Part
 from ppmc.scene.units import PositiveLength, PositiveVelocity
 
 if TYPE_CHECKING:
-    from ppmc.geometry.parts.hex_mesh import HexMesh
+    from ppmc.geometry.parts.meshes.hexahedra import HexMesh
 
 
 class CenterGatedDisk(Part):
@@ -116,6 +116,6 @@ class CenterGatedDisk(Part):
 
     def mesh(self, size: float) -> HexMesh:
         """Return a structural mesh of the full disk: a square core and a ring round it."""
-        from ppmc.geometry.parts.disk_mesh import disk_mesh
+        from ppmc.geometry.parts.meshes.disk import disk_mesh
 
         return disk_mesh(self.radius, self.thickness, size)

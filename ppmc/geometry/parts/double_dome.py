@@ -16,7 +16,7 @@ from ppmc.geometry.parts.part import Part
 from ppmc.scene.units import Angle, NonNegativeLength, PositiveLength, PositiveVelocity
 
 if TYPE_CHECKING:
-    from ppmc.geometry.parts.hex_mesh import HexMesh
+    from ppmc.geometry.parts.meshes.hexahedra import HexMesh
 
 # Depth of punch and die below the flange, out of reach of the charge.
 BELOW = 40.0
@@ -102,7 +102,7 @@ class DoubleDome(Part):
     @property
     def _section(self) -> tuple[float, float]:
         """Area of half the cavity's section, mm^2, and its moment about the spine, mm^3."""
-        from ppmc.geometry.outline import outline_integrals, outline_segments
+        from ppmc.geometry.tools.outline import outline_integrals, outline_segments
 
         upper = outline_integrals(outline_segments(*self.surface_profile(self.thickness)))
         lower = outline_integrals(outline_segments(*self.surface_profile(0.0)))
@@ -235,6 +235,6 @@ class DoubleDome(Part):
 
     def mesh(self, size: float) -> HexMesh:
         """Return a structural mesh of the closed part."""
-        from ppmc.geometry.parts.double_dome_mesh import dome_mesh
+        from ppmc.geometry.parts.meshes.double_dome import dome_mesh
 
         return dome_mesh(self, size)

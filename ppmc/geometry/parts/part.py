@@ -9,8 +9,8 @@ from ppmc.scene.base import Section
 from ppmc.scene.units import PositiveVelocity
 
 if TYPE_CHECKING:
-    from ppmc.geometry.parts.hex_mesh import HexMesh
-    from ppmc.geometry.surface import ClosedSurface
+    from ppmc.geometry.parts.meshes.hexahedra import HexMesh
+    from ppmc.geometry.surfaces.surface import ClosedSurface
 
 
 class Part(Section):

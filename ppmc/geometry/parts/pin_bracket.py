@@ -17,7 +17,7 @@ from ppmc.geometry.parts.part import Part
 from ppmc.scene.units import NonNegativeLength, PositiveLength, PositiveVelocity
 
 if TYPE_CHECKING:
-    from ppmc.geometry.parts.hex_mesh import HexMesh
+    from ppmc.geometry.parts.meshes.hexahedra import HexMesh
 
 # How far blocks reach beyond the cavity, so that no edge of theirs but the drawn ones shows in it.
 BEYOND = 10.0
@@ -207,6 +207,6 @@ class PinBracket(Part):
 
     def mesh(self, size: float) -> HexMesh:
         """Return a structural mesh of the closed bracket; entry radii are left out of it."""
-        from ppmc.geometry.parts.pin_bracket_mesh import bracket_mesh
+        from ppmc.geometry.parts.meshes.pin_bracket import bracket_mesh
 
         return bracket_mesh(self, size)

@@ -10,7 +10,7 @@ from ppmc.geometry.parts.part import Part
 from ppmc.scene.units import NonNegativeLength, PositiveLength, PositiveVelocity
 
 if TYPE_CHECKING:
-    from ppmc.geometry.parts.hex_mesh import HexMesh
+    from ppmc.geometry.parts.meshes.hexahedra import HexMesh
 
 
 class Plaque(Part):
@@ -122,7 +122,7 @@ class Plaque(Part):
         """Return a structural mesh of the full plaque."""
         import numpy as np
 
-        from ppmc.geometry.parts.hex_mesh import divided, grid_quads, swept_bricks
+        from ppmc.geometry.parts.meshes.hexahedra import divided, grid_quads, swept_bricks
 
         x, y = divided(0.0, self.length, size=size), divided(0.0, self.width, size=size)
         flat = np.stack([*(g.ravel() for g in np.meshgrid(x, y, indexing="xy"))], axis=1)

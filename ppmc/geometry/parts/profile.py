@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmc.geometry.outline import outline_segments
+from ppmc.geometry.tools.outline import outline_segments
 
 if TYPE_CHECKING:
     from ppmc.geometry.parts.double_dome import DoubleDome
@@ -23,7 +23,7 @@ class Profile:
     Attributes
     ----------
     rows : ndarray, shape (m, 12)
-        Straight lines and arcs in order from the spine, as `ppmc.geometry.outline.outline_segments` gives them,
+        Straight lines and arcs in order from the spine, as `ppmc.geometry.tools.outline.outline_segments` gives them,
         each run through backwards.
     starts : ndarray, shape (m + 1,)
         Arc length at the start of each row, and at the end of the last, mm.

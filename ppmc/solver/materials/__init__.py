@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ppmc.solver.materials import newtonian, orientation_mixture, planar_uniform, transversely_isotropic
-from ppmc.solver.state import ParticleState
+from ppmc.solver.particles.state import ParticleState
 
 Fibres = Callable[[Any, ParticleState, np.ndarray | None], tuple[np.ndarray, np.ndarray]]
 
@@ -49,7 +49,7 @@ def evaluate(section: Any, state: ParticleState, normals: np.ndarray | None = No
 
     Parameters
     ----------
-    section : a section of :mod:`ppmc.scene.material`
+    section : a section of :mod:`ppmc.scene.sections.material`
     state : ParticleState
     normals : ndarray, shape (n, 3), optional
         Normals of the nearest tool, for models in `NEEDS_NORMALS`.

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ppmc.solver.state import ParticleState
+from ppmc.solver.particles.state import ParticleState
 
 
 def fibres(section: Any, state: ParticleState, normals: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:

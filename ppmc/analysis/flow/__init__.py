@@ -1,0 +1,1 @@
+"""What only a flow can tell, and what it is compared with."""

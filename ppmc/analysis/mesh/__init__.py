@@ -1,0 +1,1 @@
+"""Structural meshes: read, mapped to, written."""

@@ -1,0 +1,1 @@
+"""Where particles of a charge lie: boxes, extrusions, closed surfaces, draped sheets."""

@@ -1,0 +1,1 @@
+"""Platelets placed at random, and the statistics of the result."""

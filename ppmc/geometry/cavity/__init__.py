@@ -1,0 +1,1 @@
+"""The space that tools leave free, and how a charge fills it."""

@@ -1,0 +1,1 @@
+"""Hexahedral meshes of the parts."""

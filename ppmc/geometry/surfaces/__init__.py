@@ -1,0 +1,1 @@
+"""Closed triangle surfaces: files, checks, inside and outside."""

@@ -1,0 +1,1 @@
+"""Rigid tools: shapes, motion, signed distances, checks."""

@@ -1,0 +1,1 @@
+"""The linear system of a step and how it is solved."""

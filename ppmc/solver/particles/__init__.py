@@ -1,0 +1,1 @@
+"""Particles: their state, their neighbours, and the kernels between them."""

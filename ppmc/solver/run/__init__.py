@@ -1,0 +1,1 @@
+"""A run from prepared charge to sealed file: frames, checkpoints, verdict."""

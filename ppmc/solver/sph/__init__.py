@@ -1,0 +1,1 @@
+"""The particle method: gradients, forces, packing and transport on arrays."""

@@ -1,0 +1,1 @@
+"""Tools as the particles meet them: contact, friction, motion."""
