@@ -59,12 +59,12 @@ def main() -> None:
     grey = gaussian_filter(rng.standard_normal((n, n, n)).astype(np.float32), (3, 1, 1))
     grey = 120 + 30 * grey / grey.std() + 8 * rng.standard_normal(grey.shape, dtype=np.float32)
     with tempfile.TemporaryDirectory() as folder:
-        source, output = Path(folder) / "volume.tif", Path(folder) / "o.vtkhdf"
+        source, output, other = (Path(folder) / name for name in ("volume.tif", "o.vtkhdf", "o.h5"))
         tifffile.imwrite(source, np.clip(grey, 0, 255).astype(np.uint8), photometric="minisblack")
         del grey
         works = {f"ppmc, {name}": ours(source, output, section) for name, section in CASES.items()}
         for full in (False, True):
-            works[f"structure-tensor, {'all vectors' if full else 'p'}"] = peer(source, output, full=full)
+            works[f"structure-tensor, {'all vectors' if full else 'p'}"] = peer(source, other, full=full)
         times: dict[str, list[float]] = {name: [] for name in works}
         sizes = {}
         for turn in range(arguments.rounds + 1):
@@ -73,7 +73,7 @@ def main() -> None:
                 work()
                 if turn > 0:
                     times[name].append((time.process_time() - start) * 1e9 / n**3)
-                sizes[name] = output.stat().st_size / n**3
+                sizes[name] = (output if "ppmc" in name else other).stat().st_size / n**3
     print("| | CPU ns a voxel | B a voxel | ratio to structure-tensor |")
     print("|---|---|---|---|")
     for name, found in times.items():

@@ -196,8 +196,9 @@ def run(
                     _put(out, Tile(fields, total, out.packed(fields, box)), box)
                     total.add(fields, box)
             parts.remove()
-        for line in total.lines() if tell is not None else ():
-            tell(line)
+        if tell is not None:
+            for line in total.lines():
+                tell(line)
     return output
 
 

@@ -16,7 +16,8 @@ from ppmc.errors import SceneError
 MIB = 2**20
 BASE_BYTES = 280 * MIB
 """What the interpreter, the compiled kernels and the file libraries take before any voxel is read."""
-FIELD_BYTES = 49
+FIELD_BYTES = 49 + 27
+"""Bytes of an output voxel: its fields, and what the file will hold of them, at most."""
 CELL_BYTES = 80
 """Sums of a cell of the large window, before and after each of its passes, and the tensors made of them."""
 BATCH = 16
@@ -153,11 +154,15 @@ def tiling(
     least = 0
     whole_ones = [sorted({min(n, s * c) for s in MULTIPLES}, reverse=True) for n, c in zip(shape, chunk, strict=True)]
     smaller = [sorted({min(n, s) for s in SIDES}, reverse=True) for n in shape]
-    for tile in itertools.chain(itertools.product(*whole_ones), [None], itertools.product(*smaller)):
-        if tile is None:
+    candidates = itertools.chain(
+        itertools.product(*whole_ones), [None], itertools.product(smaller[0], smaller[1], smaller[2])
+    )
+    for candidate in candidates:
+        if candidate is None:
             if best is not None:
                 break
             continue
+        tile = (candidate[0], candidate[1], candidate[2])
         outputs = tile[0] * tile[1] * tile[2]
         need = tile_bytes(tile, chosen, stride, itemsize, masked) * threads + FIELD_BYTES * outputs
         least = need if least == 0 else min(least, need)

@@ -23,7 +23,7 @@ from ppmc.files.fields import Field
 try:
     from isal import isal_zlib as deflater
 except ImportError:  # no wheel for this machine: slower, and a little smaller
-    import zlib as deflater
+    import zlib as deflater  # type: ignore[no-redef]
 
 LEVEL = 1
 ROUNDER = np.float32(12582912.0)
