@@ -9,7 +9,7 @@ from ppmc.ct.settings import settings
 from ppmc.ct.signal import Signal, choose, gradient_energy, signal_of
 from ppmc.ct.tiles import Tiling
 from ppmc.orientation import angle_between_axes
-from ppmc.scene.ct import CtSection
+from ppmc.scene.sections.ct import CtSection
 
 ONE = (1.0, 1.0, 1.0)
 MARGIN = 8
