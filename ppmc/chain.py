@@ -204,7 +204,8 @@ def _walk(chain: list[Link], scene: Scene, *, force: bool, restart: bool, touch:
 
     for link in chain:
         # Before the stage is loaded, which takes longer than to find that another process is at work on its output.
-        with locked([Claim(link.output)]):
+        beside = [link.output.with_name("report.html")] if link.name == "analyze" else []
+        with locked([Claim(path) for path in (link.output, *beside)]):
             if force or not is_current(link, scene):
                 print(f"{link.name}: writing {link.output}", file=sys.stderr)
                 link.start(force, restart)

@@ -198,8 +198,8 @@ def attribute(file: h5py.File, draw: random.Random) -> None:
 
 
 def remove(file: h5py.File, draw: random.Random) -> None:
-    """Remove a group or dataset."""
-    del file[draw.choice(objects(file))]
+    """Remove a group or dataset, but for the one without which a file is another program's, and taken as such."""
+    del file[draw.choice([name for name in objects(file) if name != "ppmc"])]
 
 
 def add(file: h5py.File, draw: random.Random) -> None:

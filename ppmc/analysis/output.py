@@ -36,13 +36,15 @@ from ppmc.analysis.report.tables import (
 )
 from ppmc.errors import InputFileError
 from ppmc.files import MemorySeries, Provenance, SeriesFile, check_output, file_digest, whole_file, write_series
-from ppmc.files.beside import MARKED, is_marked, mark
+from ppmc.files.beside import is_marked, mark
 from ppmc.files.guard import open_guarded
 from ppmc.files.lock import remove_leftovers
 from ppmc.files.storage import is_text_with
 from ppmc.files.text import read_json
 from ppmc.orientation import to_six
 
+MARKED = (".gif", ".msh", ".png", ".vtu")
+DECKS = (".inp", ".k")  # begin with two lines that are ours and always the same
 # What stands near the start of texts that have no place for a mark.
 TEXTS = {"report.html": b"ppmc analysis", "analysis.json": b'"scene": ', "scene.html": b"ppmc"}
 
@@ -131,7 +133,7 @@ def _check_all(output: Path, contents: Mapping[str, bytes], keep: Iterable[Path 
             return ""
         if path.suffix in MARKED:
             return is_marked(path)
-        start = TEXTS.get(name) or contents[name].partition(b"\n")[0]
+        start = TEXTS.get(name) or b"\n".join(contents[name].split(b"\n", 2)[: 2 if path.suffix in DECKS else 1])
         return is_text_with(start, max(len(start), 4096))(path)
 
     for name in contents:

@@ -18,7 +18,6 @@ MARK = b"Written by ppmc"
 WITHIN = 4096
 COMMENTS = {
     ".inp": b"** %b\n",
-    ".k": b"$ %b\n",
     ".msh": b"$Comments\n%b\n$EndComments\n",
     ".vtu": b"<!-- %b -->\n",
 }
