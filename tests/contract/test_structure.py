@@ -17,7 +17,7 @@ CORE = ("scene", "files", "orientation", "geometry")
 ROOMS = {
     "geometry": ("surfaces", "tools", "cavity", "parts", "abaqus"),
     "charge": ("exchange", "orientations", "domains", "platelets", "figures"),
-    "solver": ("particles", "materials", "walls", "sph", "linear", "step", "run", "forecast"),
+    "solver": ("particles", "materials", "walls", "sph", "linear", "step", "grid", "run", "forecast"),
     "analysis": ("averages", "flow", "mesh", "figures", "report"),
 }
 MOST_FILES = 12  # of a room, so that one sees at a glance what is in it

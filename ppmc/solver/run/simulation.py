@@ -14,6 +14,7 @@ from ppmc.progress import Progress
 from ppmc.solver.particles.state import ParticleState
 from ppmc.solver.run import verdict
 from ppmc.solver.run.checkpoint import Checkpoint, remove_checkpoints, save_checkpoint
+from ppmc.solver.grid.integrator import GridIntegrator
 from ppmc.solver.run.coverage import Coverage, least_force, touching
 from ppmc.solver.run.frames import Snapshot, field_names, frame
 from ppmc.solver.run.history import History, StepMeasures
@@ -145,7 +146,10 @@ class Simulation:
         return least_force(self.model.bulk_modulus, self.model.spacing)
 
     def _make_integrator(self) -> ImplicitIntegrator:
-        explicit = self.model.settings.integrator == "explicit"
+        settings = self.model.settings
+        if settings.operator == "grid":
+            return GridIntegrator(self.model, self.state)
+        explicit = settings.integrator == "explicit"
         return (ExplicitIntegrator if explicit else ImplicitIntegrator)(self.model, self.state)
 
     def _step(self, target: float) -> None:
