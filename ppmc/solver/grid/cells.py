@@ -15,6 +15,7 @@ from ppmc.errors import NumericalError
 from ppmc.solver.particles.cells import MAX_CELLS
 
 WIDTH = 2.0  # of a cell, in extents of the particles' cells
+ACROSS = 0.99  # cosine from which on a wall counts as across an axis
 SMOOTHED = 2.0  # length, in the same, over which the wanted density of lines is averaged
 
 
@@ -52,15 +53,27 @@ class Grid:
         return np.stack([np.diff(self.lines[c])[self.site[:, c]] for c in range(3)], axis=1)
 
 
-def lay_lines(positions: np.ndarray, extents: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def lay_lines(
+    positions: np.ndarray, extents: np.ndarray, near: tuple[np.ndarray, np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Lines of the grid along the axes, mm, for particles at positions (n, 3) whose cells have `extents` (n, 3), mm.
+
+    Where a particle is at a wall across an axis, its cell ends there: `near` are rows (m,), normals (m, k, 3) and
+    distances (m, k) of faces.
 
     Raises
     ------
     NumericalError
         If the particles are spread over an implausible number of cells.
     """
-    low, high = (positions - 0.5 * extents).min(axis=0), (positions + 0.5 * extents).max(axis=0)
+    below, above = 0.5 * extents, 0.5 * extents
+    rows, normal, distance = near
+    for face in range(normal.shape[1]):
+        for c in range(3):
+            for half, sign in ((below, 1.0), (above, -1.0)):
+                on = (sign * normal[:, face, c] > ACROSS) & np.isfinite(distance[:, face])
+                half[rows[on], c] = np.minimum(half[rows[on], c], np.maximum(distance[on, face], 0.0))
+    low, high = (positions - below).min(axis=0), (positions + above).max(axis=0)
     typical = np.median(extents, axis=0)
     if not np.prod((high - low) / (WIDTH * typical) + 1.0) < MAX_CELLS:
         raise NumericalError(

@@ -20,7 +20,7 @@ from ppmc.solver.grid.recover import Recovered, recover
 from ppmc.solver.grid.stiffness import Material, Stiffness, make_stiffness
 from ppmc.solver.grid.wall_points import WallPoints, wall_points
 from ppmc.solver.linear.rigid_modes import Pieces, free_rigid_modes
-from ppmc.solver.particles.kernel_shape import full, inverse_shape, rearrangement_rate
+from ppmc.solver.particles.kernel_shape import full, inverse_shape, rearrangement_rate, six
 from ppmc.solver.sph.gradient import moment_inverses
 from ppmc.solver.sph.transport import convect_deformation, convect_directions, jeffery_increment
 from ppmc.solver.step.implicit import EXCEEDED, LEAST_DRIVEN, MOST_PARTS, TOUCH, ImplicitIntegrator, strain_rate
@@ -42,8 +42,15 @@ class GridIntegrator(ImplicitIntegrator):
     def _start(self, time: float, time_step: float) -> StepReport:
         return self._solve(time, time_step, update=False)
 
-    def stiffness(self, positions: np.ndarray, ahead: float, time: float, dt: float, near: tuple) -> Stiffness:
-        """Stiffness of the grid laid over `positions` (n, 3), mm, those predicted for `ahead` seconds later."""
+    def stiffness(
+        self, positions: np.ndarray, lattice: np.ndarray, ahead: float, time: float, dt: float,
+        near: tuple[np.ndarray, np.ndarray, np.ndarray],
+    ) -> Stiffness:  # fmt: skip
+        """Stiffness of the grid laid over `positions` (n, 3), mm, those predicted for `ahead` seconds later.
+
+        `lattice`, shape (n, 6), are the shapes of the lattice there, `near` the faces near them as in
+        :func:`ppmc.solver.grid.body.make_body`.
+        """
         state, model = self.state, self.model
         normals = (
             model.walls.nearest_normals(positions, time) if model.material.model in materials.NEEDS_NORMALS else None
@@ -54,10 +61,10 @@ class GridIntegrator(ImplicitIntegrator):
                 turned = np.ascontiguousarray(viscosity.directions[:, k])
                 convect_directions(np.eye(3) + ahead * state.velocity_gradient, turned)
                 viscosity.directions[:, k] = turned
-        extents = model.spacing * np.sqrt(full(state.lattice_shape)[:, range(3), range(3)])
+        extents = model.spacing * np.sqrt(lattice[:, :3])
         body = make_body(
-            lay_lines(positions, extents), positions, state.volume * state.volume_ratio,
-            inverse_shape(state.lattice_shape)[0], extents, model.spacing, near,
+            lay_lines(positions, extents, near), positions, state.volume * state.volume_ratio, inverse_shape(lattice)[0],
+            extents, model.spacing, near,
         )  # fmt: skip
         stiff = np.maximum(model.bulk_modulus * state.volume_ratio * dt, LEAST_BULK * self._stiff(viscosity.shear))
         material = Material(viscosity.shear, viscosity.fibre, viscosity.directions, stiff)
@@ -77,6 +84,8 @@ class GridIntegrator(ImplicitIntegrator):
         contacts.active |= contacts.violations(state.velocity[contacts.rows], dt) > TOUCH * model.spacing
         state.wall_layers = contacts.wall_layers(len(state))
         positions = state.position + ahead * state.velocity
+        carried = np.eye(3) + ahead * state.velocity_gradient
+        lattice = six(carried @ full(state.lattice_shape) @ np.swapaxes(carried, 1, 2))
         pairs = self.weigh(positions)
         check_spread(pairs, moment_inverses(pairs, positions, state.volume)[0], state)
         pieces = Pieces.of(pairs, positions, state.volume)
@@ -85,9 +94,10 @@ class GridIntegrator(ImplicitIntegrator):
             "mkc,mkc->mk", contacts.normal, state.velocity[contacts.rows, None] - contacts.wall_velocity
         )
         away[contacts.tool < 0] = np.inf
-        stiffness = self.stiffness(positions, ahead, time, dt, (contacts.rows, contacts.normal, away))
+        stiffness = self.stiffness(positions, lattice, ahead, time, dt, (contacts.rows, contacts.normal, away))
         points = wall_points(
-            stiffness.body, contacts, positions, state.velocity, state.volume * state.volume_ratio, ahead, dt
+            stiffness.body, contacts, away, positions, inverse_shape(lattice)[0],
+            state.volume * state.volume_ratio, dt,
         )  # fmt: skip
         hold = HOLD * float(self._stiff(stiffness.material.shear).mean()) / model.spacing
         excess = model.bulk_modulus * (state.volume_ratio - 1.0)

@@ -103,11 +103,11 @@ def _changes(
     """Faces to add and to release, both (m, 3), and the deepest penetration, mm."""
     at = points.row, points.face
     depth, pressing = np.zeros(contacts.tool.shape), np.zeros((len(contacts.rows), FACES))
-    depth[at] = np.maximum(-points.departures(velocities, time_step), 0.0)
+    np.maximum.at(depth, at, -points.departures(velocities, time_step))
     depth[contacts.active] = 0.0
-    pressing[at] = np.einsum("cd,cd->c", force, points.normal)
+    np.add.at(pressing, at, np.einsum("cd,cd->c", force, points.normal))
     positive = pressing[pressing > 0.0]
     limit = np.full(pressing.shape, (RELEASE + DOUBT) * float(positive.mean()) if len(positive) else 0.0)
-    limit[at] += model.settings.ambient_pressure * points.area
+    np.add.at(limit, at, model.settings.ambient_pressure * points.area)
     around = contacts.pressure_around(pressing, pairs, model.smoothing_length)
     return depth > NEGLIGIBLE * model.spacing, contacts.active & (around < -limit), float(depth.max(initial=0.0))
