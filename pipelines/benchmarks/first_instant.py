@@ -18,6 +18,7 @@ from ppmc.solver.step.implicit import ImplicitIntegrator
 from ppmc.solver.step.model import Model
 from ppmc.solver.walls.tools import Walls
 
+AIR = 1e9  # Pa
 BRIEF = 1e-3  # s: nothing moves
 
 
@@ -59,7 +60,8 @@ def make_integrator(
         tools["front"] = PlaneTool(shape="plane", point=(0, 0, 0), normal=(0, 1, 0))
         tools["back"] = PlaneTool(shape="plane", point=(0, size[1], 0), normal=(0, -1, 0))
     walls = Walls(compile_tools(tools), np.full(3, spacing))
-    section = SolverSection(end_time=1.0, operator=operator, **settings)
+    # The references hold the charge to the plates: air does here.
+    section = SolverSection(end_time=1.0, operator=operator, ambient_pressure=AIR, **settings)
     across = np.cross(directions, [0.31, 0.17, 0.94])
     state = ParticleState.at_rest(
         positions, np.full(len(positions), np.prod(size) / len(positions)), directions,

@@ -63,15 +63,15 @@ def recover(stiffness: Stiffness, positions: np.ndarray, nodal: np.ndarray) -> R
     found += ((kept - np.einsum("naa->n", found)) / 3.0)[:, None, None] * np.eye(3)
     viscous, air = np.zeros(cells), np.zeros(cells)
     _powers(
-        grid.size, sub_points()[1], body.share, body.weight, body.start, body.particle, material.shear, each, viscous,
-        air,
+        grid.size, sub_points()[1], body.share, body.weight, body.start, body.particle, material.shear,
+        material.fibre, material.directions, stiffness.pure, each, viscous, air,
     )  # fmt: skip
-    trace = np.einsum("saa->s", mean) / 3.0
+    trace, mixed = np.einsum("saa->s", mean) / 3.0, np.where(stiffness.pure[at], 0.0, stiffness.volume)
     fibres = 0.0
     for k in range(material.fibre.shape[1]):
         p = material.directions[body.particle, k]
         along = np.einsum("sa,sab,sb->s", p, mean, p) - trace
-        fibres += float(np.einsum("s,s,s,s->", stiffness.volume, material.fibre[body.particle, k], along, along))
+        fibres += float(np.einsum("s,s,s,s->", mixed, material.fibre[body.particle, k], along, along))
     bulk = float(np.einsum("c,cm,cm->", stiffness.bulk, held, swelling))
     return Recovered(velocity, found, float(viscous.sum()) + fibres, float(air.sum()), bulk)
 
@@ -83,7 +83,7 @@ def _functions_at(local, value, gradient):
 
 
 @njit(cache=True, parallel=True)
-def _powers(size, reference, share, weight, start, particle, shear, nodal, viscous, air):
+def _powers(size, reference, share, weight, start, particle, shear, fibre, p, pure, nodal, viscous, air):
     for cell in prange(share.shape[0]):
         whole, mean = size[cell, 0] * size[cell, 1] * size[cell, 2], 0.0
         for s in range(start[cell], start[cell + 1]):
@@ -103,6 +103,14 @@ def _powers(size, reference, share, weight, start, particle, shear, nodal, visco
                     rate = 0.5 * (l[c, d] + l[d, c]) - (third if c == d else 0.0)
                     squares += rate * rate
             if share[cell, q] >= 0:
-                viscous[cell] += 2.0 * weight[cell, q] * shear[particle[share[cell, q]]] * squares
+                i = particle[share[cell, q]]
+                viscous[cell] += 2.0 * weight[cell, q] * shear[i] * squares
+                if pure[cell]:
+                    for n in range(p.shape[1]):
+                        along = -third
+                        for c in range(3):
+                            for d in range(3):
+                                along += p[i, n, c] * l[c, d] * p[i, n, d]
+                        viscous[cell] += weight[cell, q] * fibre[i, n] * along * along
             else:
                 air[cell] += 2.0 * AIR * mean * whole / POINTS * squares

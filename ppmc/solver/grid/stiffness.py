@@ -3,9 +3,10 @@ r"""Stiffness of the grid's velocities: matrix, fibres and volume, cell by cell.
 With gradients :math:`g_a` of a cell's functions and weights w of its sub-points the matrix (J5's isotropic part) is
 summed over sub-points. A fibre resists the *mean* strain of its share of a cell,
 
-.. math:: \sum_s W_s\,4\eta_{23}(R - 1)v_k\,(\bar D_s : m_k)^2, \qquad \bar D_s = \frac1{W_s}\sum_{q \in s} w_q D_q ,
+.. math:: \sum_s W_s\,4\eta_{23}(R - 1)v_k\,(\bar D_s : m_k)^2, \qquad \bar D_s = \frac1{W_s}\sum_{q \in s} w_q D_q .
 
-and volume is kept in the mean and the first moments of a cell: :math:`p = K(J - 1) + \kappa\,\operatorname{div} v`, both
+In cells of one direction there is nothing to slide over, and every sub-point resists by itself: means alone would leave
+strains free that turn within a share. Volume is kept in the mean and the first moments of a cell: :math:`p = K(J - 1) + \kappa\,\operatorname{div} v`, both
 projected onto linear functions of the cell's material (the mean alone where a cell holds little). Discontinuous linear
 pressures and triquadratic velocities are a stable pair. What is not body inside the cells has a share `AIR` of the
 viscosity and no volume to keep, so that nodes at the rim have a velocity.
@@ -23,6 +24,7 @@ from ppmc.solver.grid.shapes import NODES, POINTS, sub_points
 
 AIR = 1e-3  # viscosity of what is not body, in parts of eta23
 LINEAR_FROM = 0.5  # filling of a cell from which on volume is kept in its first moments as well
+LIKE = 0.94  # squared cosine from which on directions are alike: 14 degrees
 MOMENTS = 4
 CHUNK = 128  # cells whose matrices are held at a time
 BLOCKS = NODES * (NODES + 1) // 2
@@ -67,6 +69,8 @@ class Stiffness:
         Inverse of the inner products of these, 1/mm^3; zero where only the mean counts.
     bulk : ndarray, shape (cells,)
         Pa s.
+    pure : ndarray, shape (cells,), bool
+        Cells of one direction.
     indices, pointers : ndarray
         Columns of the blocks, and where each row of blocks begins.
     slots : ndarray, shape (cells, 378)
@@ -82,6 +86,7 @@ class Stiffness:
     moments: np.ndarray
     inverse: np.ndarray
     bulk: np.ndarray
+    pure: np.ndarray
     indices: np.ndarray
     pointers: np.ndarray
     slots: np.ndarray
@@ -112,7 +117,7 @@ def make_stiffness(body: Body, material: Material) -> Stiffness:
     cells, shares = len(grid.site), len(body.particle)
     gradient, volume = np.zeros((shares, NODES, 3)), np.zeros(shares)
     moments, inverse = np.zeros((cells, MOMENTS, 3 * NODES)), np.zeros((cells, MOMENTS, MOMENTS))
-    bulk, data = np.zeros(cells), np.zeros((len(found), 3, 3))
+    bulk, pure, data = np.zeros(cells), np.zeros(cells, dtype=bool), np.zeros((len(found), 3, 3))
     local, reference = sub_points()
     size = grid.size
     for begin in range(0, cells, CHUNK):
@@ -120,18 +125,19 @@ def make_stiffness(body: Body, material: Material) -> Stiffness:
         matrices = np.zeros((len(chunk), 3 * NODES, 3 * NODES))
         _cells(
             chunk, size, local, reference, body.share, body.weight, body.start, body.particle, material.shear,
-            material.fibre, material.directions, material.bulk, gradient, volume, moments, inverse, bulk, matrices,
+            material.fibre, material.directions, material.bulk, gradient, volume, moments, inverse, bulk, pure,
+            matrices,
         )  # fmt: skip
         _add_matrices(matrices, grid.nodes[chunk], upper, slots[chunk], data)
     return Stiffness(
-        body, material, gradient, volume, moments, inverse, bulk, found % grid.node_count, pointers, slots, data
+        body, material, gradient, volume, moments, inverse, bulk, pure, found % grid.node_count, pointers, slots, data
     )  # fmt: skip
 
 
 @njit(cache=True, parallel=True)
 def _cells(
     chunk, size, local, reference, share, weight, start, particle, shear, fibre, p, stiff, gradient, volume, moments,
-    inverse, bulk, matrices,
+    inverse, bulk, pure, matrices,
 ):  # fmt: skip
     for turn in prange(chunk.shape[0]):
         cell = chunk[turn]
@@ -180,20 +186,24 @@ def _cells(
                         k[3 * a + c, 3 * b + d] = t[3 * a + d, 3 * b + c] - 2.0 / 3.0 * t[3 * a + c, 3 * b + d]
                     k[3 * a + c, 3 * b + c] += both
         f = np.empty(3 * NODES)
+        pure[cell] = _is_pure(start[cell], start[cell + 1], particle, p)
+        if pure[cell]:
+            for q in range(POINTS):
+                if share[cell, q] >= 0:
+                    i = particle[share[cell, q]]
+                    for n in range(p.shape[1]):
+                        _along(g[q], p[i, n], f)
+                        _add_square(k, weight[cell, q] * fibre[i, n], f)
         for s in range(start[cell], start[cell + 1]):
             i = particle[s]
             per = 1.0 / max(volume[s], 1e-300)
             for a in range(NODES):
                 for c in range(3):
                     gradient[s, a, c] *= per
-            for n in range(p.shape[1]):
-                for a in range(NODES):
-                    along = 0.0
-                    for c in range(3):
-                        along += p[i, n, c] * gradient[s, a, c]
-                    for c in range(3):
-                        f[3 * a + c] = p[i, n, c] * along - gradient[s, a, c] / 3.0
-                _add_square(k, volume[s] * fibre[i, n], f)
+            if not pure[cell]:
+                for n in range(p.shape[1]):
+                    _along(gradient[s].copy().reshape(3 * NODES), p[i, n], f)
+                    _add_square(k, volume[s] * fibre[i, n], f)
         if filled <= 0.0:
             continue
         bulk[cell] = lead / filled
@@ -209,6 +219,27 @@ def _cells(
                         ya = part * moments[cell, r, a]
                         for b in range(3 * NODES):
                             k[a, b] += ya * moments[cell, c, b]
+
+
+@njit(cache=True)
+def _is_pure(begin, end, particle, p):
+    """Whether all shares of a cell have the directions of its first."""
+    for s in range(begin + 1, end):
+        for n in range(p.shape[1]):
+            one, other = p[particle[begin], n], p[particle[s], n]
+            cosine = one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
+            if cosine * cosine < LIKE:
+                return False
+    return True
+
+
+@njit(cache=True)
+def _along(g, p, f):
+    """Strain along p, the mean of three directions taken off, for a unit of each of a cell's unknowns."""
+    for a in range(NODES):
+        along = p[0] * g[3 * a] + p[1] * g[3 * a + 1] + p[2] * g[3 * a + 2]
+        for c in range(3):
+            f[3 * a + c] = p[c] * along - g[3 * a + c] / 3.0
 
 
 @njit(cache=True)
