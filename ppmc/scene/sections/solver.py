@@ -124,6 +124,6 @@ class SolverSection(Section):
         inertial = self.reynolds_number > 0.0 or bool(self.density)
         if self.operator == "grid" and (self.integrator == "explicit" or inertial):
             raise ValueError(
-                "the operator `grid` knows no inertia: leave out `integrator: explicit`, `reynolds_number` and `density`"
+                "the operator `grid` knows no inertia: leave out `integrator: explicit`, `reynolds_number`, `density`"
             )
         return self

@@ -88,10 +88,10 @@ def _lines(x: np.ndarray, extent: np.ndarray, low: float, high: float) -> np.nda
     bins = max(4, int(np.ceil(4.0 * (high - low) / np.median(extent))))
     edges = np.linspace(low, high, bins + 1)
     at = np.clip(((x - low) / (high - low) * bins).astype(np.int64), 0, bins - 1)
-    count, wanted = np.bincount(at, minlength=bins), np.bincount(at, 1.0 / (WIDTH * extent), bins)
+    number, sums = np.bincount(at, minlength=bins), np.bincount(at, 1.0 / (WIDTH * extent), bins)
     # Means over a window, empty stretches included in it.
     window = np.ones(2 * round(2.0 * SMOOTHED) + 1)
-    count, wanted = np.convolve(count, window, "same"), np.convolve(wanted, window, "same")
+    count, wanted = np.convolve(number, window, "same"), np.convolve(sums, window, "same")
     mean = 1.0 / (WIDTH * float(np.median(extent)))
     density = np.where(count > 0, wanted / np.maximum(count, 1), mean)
     total = np.append(0.0, np.cumsum(density) * (edges[1] - edges[0]))

@@ -63,8 +63,8 @@ class GridIntegrator(ImplicitIntegrator):
                 viscosity.directions[:, k] = turned
         extents = model.spacing * np.sqrt(lattice[:, :3])
         body = make_body(
-            lay_lines(positions, extents, near), positions, state.volume * state.volume_ratio, inverse_shape(lattice)[0],
-            extents, model.spacing, near,
+            lay_lines(positions, extents, near), positions, state.volume * state.volume_ratio,
+            inverse_shape(lattice)[0], extents, model.spacing, near,
         )  # fmt: skip
         stiff = np.maximum(model.bulk_modulus * state.volume_ratio * dt, LEAST_BULK * self._stiff(viscosity.shear))
         material = Material(viscosity.shear, viscosity.fibre, viscosity.directions, stiff)

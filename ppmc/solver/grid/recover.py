@@ -89,18 +89,18 @@ def _powers(size, reference, share, weight, start, particle, shear, fibre, p, pu
         for s in range(start[cell], start[cell + 1]):
             mean += shear[particle[s]]
         mean /= max(start[cell + 1] - start[cell], 1)
-        l = np.empty((3, 3))
+        rates = np.empty((3, 3))
         for q in range(POINTS):
             for c in range(3):
                 for d in range(3):
                     total = 0.0
                     for a in range(NODES):
                         total += nodal[cell, 3 * a + c] * reference[q, a, d]
-                    l[c, d] = 2.0 / size[cell, d] * total
-            third, squares = (l[0, 0] + l[1, 1] + l[2, 2]) / 3.0, 0.0
+                    rates[c, d] = 2.0 / size[cell, d] * total
+            third, squares = (rates[0, 0] + rates[1, 1] + rates[2, 2]) / 3.0, 0.0
             for c in range(3):
                 for d in range(3):
-                    rate = 0.5 * (l[c, d] + l[d, c]) - (third if c == d else 0.0)
+                    rate = 0.5 * (rates[c, d] + rates[d, c]) - (third if c == d else 0.0)
                     squares += rate * rate
             if share[cell, q] >= 0:
                 i = particle[share[cell, q]]
@@ -110,7 +110,7 @@ def _powers(size, reference, share, weight, start, particle, shear, fibre, p, pu
                         along = -third
                         for c in range(3):
                             for d in range(3):
-                                along += p[i, n, c] * l[c, d] * p[i, n, d]
+                                along += p[i, n, c] * rates[c, d] * p[i, n, d]
                         viscous[cell] += weight[cell, q] * fibre[i, n] * along * along
             else:
                 air[cell] += 2.0 * AIR * mean * whole / POINTS * squares

@@ -6,10 +6,10 @@ summed over sub-points. A fibre resists the *mean* strain of its share of a cell
 .. math:: \sum_s W_s\,4\eta_{23}(R - 1)v_k\,(\bar D_s : m_k)^2, \qquad \bar D_s = \frac1{W_s}\sum_{q \in s} w_q D_q .
 
 In cells of one direction there is nothing to slide over, and every sub-point resists by itself: means alone would leave
-strains free that turn within a share. Volume is kept in the mean and the first moments of a cell: :math:`p = K(J - 1) + \kappa\,\operatorname{div} v`, both
-projected onto linear functions of the cell's material (the mean alone where a cell holds little). Discontinuous linear
-pressures and triquadratic velocities are a stable pair. What is not body inside the cells has a share `AIR` of the
-viscosity and no volume to keep, so that nodes at the rim have a velocity.
+strains free that turn within a share. Volume is kept in the mean and the first moments of a cell: :math:`p = K(J - 1) +
+\kappa\,\operatorname{div} v`, both projected onto linear functions of the cell's material (the mean alone where a cell
+holds little). Discontinuous linear pressures and triquadratic velocities are a stable pair. What is not body inside the
+cells has a share `AIR` of the viscosity and no volume to keep, so that nodes at the rim have a velocity.
 """
 
 # mypy: disable-error-code="no-untyped-def"

@@ -110,14 +110,14 @@ def wall_points(
     at, row = grid.low[cell] + 0.5 * (local[point] + 1.0) * size, nearest[cell, point]
     step = at - positions[rows[row]]
     found = []
-    for face in range(FACES):
-        normal = contacts.normal[row, face]
-        depth = away[row, face] + np.einsum("qc,qc->q", normal, step)
+    for k in range(FACES):
+        normal = contacts.normal[row, k]
+        depth = away[row, k] + np.einsum("qc,qc->q", normal, step)
         thick = np.einsum("qc,qc->q", np.abs(normal), size) / SUB
         first = np.flatnonzero(depth < thick)
         foot = at[first] - depth[first, None] * normal[first]
         area = size[first].prod(axis=1) / POINTS / thick[first]
-        found.append((cell[first], row[first], np.full(len(first), face), foot, area))
+        found.append((cell[first], row[first], np.full(len(first), k), foot, area))
     # Those that no sub-point is nearest to stand on the wall with their own foot.
     rest, face = np.nonzero((contacts.tool >= 0) & contacts.active)
     seen = np.zeros(contacts.tool.shape, dtype=bool)

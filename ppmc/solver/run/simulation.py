@@ -1,20 +1,22 @@
 """The run: steps, frames, checkpoints, stop requests, from a prepared model to the end time."""
 
+import sys
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ppmc.errors import NumericalError, StoppedWithCheckpoint
 from ppmc.files import Provenance, SeriesWriter, growing_folder, write_state
-from ppmc.files.verdict import KEY
+from ppmc.files.verdict import FORCE_ESTIMATE, KEY
 from ppmc.progress import Progress
-from ppmc.solver.particles.state import ParticleState
-from ppmc.solver.run import verdict
-from ppmc.solver.run.checkpoint import Checkpoint, remove_checkpoints, save_checkpoint
 from ppmc.solver.grid.integrator import GridIntegrator
+from ppmc.solver.particles.state import ParticleState
+from ppmc.solver.run import mixing, verdict
+from ppmc.solver.run.checkpoint import Checkpoint, remove_checkpoints, save_checkpoint
 from ppmc.solver.run.coverage import Coverage, least_force, touching
 from ppmc.solver.run.frames import Snapshot, field_names, frame
 from ppmc.solver.run.history import History, StepMeasures
@@ -98,7 +100,7 @@ class Simulation:
         told = verdict.judge(
             history, self.model.walls.tools.names, self.model.spacing, self.model.bulk_modulus
         )  # fmt: skip
-        self.writer.seal(self.output, history, self._facts() | {KEY: told.as_facts()})
+        self.writer.seal(self.output, history, self._facts() | self._force_estimate() | {KEY: told.as_facts()})
         remove_checkpoints(self.output)
         return self.output
 
@@ -277,7 +279,19 @@ class Simulation:
     def _note(self) -> str:
         return f"step {len(self.history.rows)}, {self.report.iterations} iterations, {self.report.contacts} contacts"
 
-    def _facts(self) -> dict[str, float | int | list[str]]:
+    def _force_estimate(self) -> dict[str, dict[str, Any]]:
+        """Return, as a fact, how far the force may be too high; nothing where that is not known. Says it, too."""
+        model, state = self.model, self.state
+        if model.settings.operator != "particles" or model.material.model != "transversely_isotropic":
+            return {}
+        estimate = mixing.estimate_force(
+            self.integrator.weigh(state.position), state.fibre_direction, model.material.ratio
+        )  # fmt: skip
+        if estimate.is_bound:
+            print(f"ppmc: {estimate.told()}", file=sys.stderr)
+        return {FORCE_ESTIMATE: estimate.as_facts()}
+
+    def _facts(self) -> dict[str, Any]:
         return {
             "bulk_modulus": self.model.bulk_modulus, "density": self.model.density,
             "smoothing_length": self.model.smoothing_length, "spacing": self.model.spacing,
