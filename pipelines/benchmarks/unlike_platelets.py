@@ -6,7 +6,7 @@
 slab: 12 x 12 x 6 mm, twelve layers of random platelets of 12.7 x 6.35 x 0.5 mm between slip plates, one particle a
 layer, against velocities of a finite-element solution in three dimensions (data/slab_of_platelets.npz). The others are
 plane strain, 32 x 8 mm in plies of a millimetre: 0 and 90 degrees in turn (plies) or at random, 8 mm long (bricks);
-0 and 60 degrees (oblique); the bricks leaning by 8 degrees (tilted); one stiff platelet that ends inside (ending).
+the bricks leaning by 8 degrees (tilted); one stiff platelet that ends inside (ending).
 Error of the velocities: root mean square over that of the reference, in the plane and without rigid motion on the slab.
 """
 
@@ -62,11 +62,6 @@ def bricks(x: np.ndarray, z: np.ndarray) -> np.ndarray:
     return _unit(90.0 * _bricks(x, z))
 
 
-def oblique(x: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Return directions of plies along and at 60 degrees, in turn."""
-    return _unit(60.0 * (_ply(z) % 2) + 0.0 * x)
-
-
 def tilted(x: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Return directions of the bricks, those along leaning by 8 degrees up or down, ply by ply."""
     across = _bricks(x, z)
@@ -79,7 +74,7 @@ def ending(x: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 
 PATTERNS: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
-    "plies": plies, "bricks": bricks, "oblique": oblique, "tilted": tilted, "ending": ending,
+    "plies": plies, "bricks": bricks, "tilted": tilted, "ending": ending,
 }  # fmt: skip
 
 

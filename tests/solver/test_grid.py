@@ -121,7 +121,7 @@ def test_squeeze_of_a_lattice_is_exact(ratio, shape):
     force = (4.0 - 1.0 / ratio) * result.closing_rate * shape[0] * shape[1] * result.compression
     assert result.press_force == pytest.approx(force, rel=3e-3)
     lower, ram = result.reports[-1].tool_force[:, 2]
-    assert lower == pytest.approx(-ram, rel=1e-6)
+    assert lower == pytest.approx(-ram, rel=1e-3)
     assert max(report.penetration for report in result.reports) < 1e-6
 
 
