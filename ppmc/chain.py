@@ -199,19 +199,34 @@ def run_chain(
 def _walk(chain: list[Link], scene: Scene, *, force: bool, restart: bool, touch: bool) -> None:
     """Run stages one after the other."""
     from ppmc.announce import announce
+    from ppmc.files.lock import Claim, locked
     from ppmc.files.verdict import verdict_of
 
     for link in chain:
-        if not force and is_current(link, scene):
+        # Before the stage is loaded, which takes longer than to find that another process is at work on its output.
+        beside = [link.output.with_name("report.html")] if link.name == "analyze" else []
+        with locked([Claim(path) for path in (link.output, *beside)]):
+            if force or not is_current(link, scene):
+                print(f"{link.name}: writing {link.output}", file=sys.stderr)
+                link.start(force, restart)
+                continue
             print(f"{link.name}: unchanged, {link.output} is kept", file=sys.stderr)
+            _tidy(link)
             if link.name == "solve":
                 announce(verdict_of(link.output), link.output)
             # Tools that go by the time of files ask for one stage, and must see that it was looked at.
             if touch:
                 link.output.touch()
-            continue
-        print(f"{link.name}: writing {link.output}", file=sys.stderr)
-        link.start(force, restart)
+
+
+def _tidy(link: Link) -> None:
+    """Remove what a run needed to go on that was killed between its last two moments: it has come to its end."""
+    if link.name in ("solve", "analyze"):
+        from ppmc.files.growing import growing_folder, remove_growing
+
+        remove_growing(growing_folder(link.output))
+    if link.name == "solve" and any(link.output.parent.glob("*.h5ckpt")):
+        import_module("ppmc.solver.run.checkpoint").remove_checkpoints(link.output)
 
 
 def check_scene(scene: Scene) -> list[str]:

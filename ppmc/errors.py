@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ppmc.api.flow import Flow
+
 
 class PpmcError(Exception):
     """Base of every error that is shown as one message, without a traceback.
@@ -28,15 +33,29 @@ class InputFileError(PpmcError):
 
 
 class NumericalError(PpmcError):
-    """The computation left the range in which its result means something (exit code 4)."""
+    """The computation left the range in which its result means something (exit code 4).
+
+    Attributes
+    ----------
+    flow : Flow or None
+        The frames up to then, of a flow in memory.
+    """
 
     exit_code = 4
+    flow: Flow | None = None
 
 
 class VerdictError(PpmcError):
-    """The result is complete but broke a limit, and the user asked for none (exit code 4)."""
+    """The result is complete but broke a limit, and the user asked for none (exit code 4).
+
+    Attributes
+    ----------
+    flow : Flow or None
+        The result, where ppmc was called from Python.
+    """
 
     exit_code = 4
+    flow: Flow | None = None
 
 
 class StorageError(PpmcError):
@@ -49,3 +68,7 @@ class StoppedWithCheckpoint(PpmcError):
     """The run stopped early on request; the same command resumes it (exit code 75)."""
 
     exit_code = 75
+
+
+class PpmcWarning(UserWarning):
+    """What may be wrong but need not be, where ppmc is called from Python; the commands tell it on the terminal."""

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from types import TracebackType
 from typing import TYPE_CHECKING
 
@@ -12,6 +15,17 @@ if TYPE_CHECKING:
 
 LINE_EVERY_SHARE = 0.05
 LINE_EVERY_SECONDS = 60.0
+_shown: ContextVar[bool] = ContextVar("shown", default=True)
+
+
+@contextmanager
+def progress_shown(shown: bool) -> Iterator[None]:
+    """Show the progress of all work within the block, or none of it."""
+    before = _shown.set(shown)
+    try:
+        yield
+    finally:
+        _shown.reset(before)
 
 
 def _clock(seconds: float) -> str:
@@ -49,7 +63,8 @@ class Progress:
     def __enter__(self) -> Progress:
         self._start = self._last_time = time.monotonic()
         self._lines = 0
-        if sys.stderr.isatty():
+        self._silent = not _shown.get()
+        if not self._silent and sys.stderr.isatty():
             from rich.console import Console
             from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
             from rich.progress import Progress as RichProgress
@@ -75,6 +90,8 @@ class Progress:
     def update(self, done: float, note: str = "") -> None:
         """Set the work done so far to `done`; `note` is shown beside it."""
         self._done = done
+        if self._silent:
+            return
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, completed=done, note=note)
             return

@@ -25,11 +25,12 @@ import os
 
 import numpy as np
 
+import ppmc
 from ppmc.analysis.averages.paths import circle_path
 from ppmc.analysis.averages.regions import box
-from ppmc.analysis.averages.samples import Samples
-from ppmc.analysis.explore import path_averages, path_figure, read_samples, region_frame, scene_paths
+from ppmc.analysis.explore import path_averages, path_figure, region_frame, relabelled, scene_paths
 from ppmc.orientation import push_affine
+from ppmc.particles import Particles
 
 radius, thickness = 6.35, 5.0  # of the pin and the flange, mm (model: 12.7 mm hole, 5 mm flange)
 flow_file = os.environ.get("PPMC_BRACKET_FLOW")
@@ -79,8 +80,8 @@ print(f"det F: {np.linalg.det(F).min():.4f} to {np.linalg.det(F).max():.4f}")
 angle = rng.uniform(0, np.pi, len(x))
 p0 = np.column_stack([0 * angle, np.cos(angle), np.sin(angle)])
 normal = np.tile([1.0, 0, 0], (len(x), 1))
-before = Samples("random", start, np.ones(len(x)), p0, normal)
-after = Samples("after potential flow", x, np.ones(len(x)), push_affine(p0, F), normal)
+before = Particles("random", start, np.ones(len(x)), p0, normal)
+after = Particles("after potential flow", x, np.ones(len(x)), push_affine(p0, F), normal)
 
 # %% [markdown]
 # ## The path around the hole, in cylindrical components
@@ -111,7 +112,8 @@ region_frame(after, [box("below", [0, -3, -11], [5, 3, -7]), box("above", [0, -3
 
 # %%
 if flow_file:
-    first, last = read_samples(flow_file, frame=0, label="run"), read_samples(flow_file, label="run")
+    run = ppmc.read(flow_file)
+    first, last = relabelled(run[0], "run"), relabelled(run[-1], "run")
     paths = scene_paths(flow_file)
     rings = [path for path in paths.values() if path.components[1] == "θ"]
     for ring in rings:

@@ -17,8 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
+import ppmc
 from ppmc.analysis.averages.paths import straight_path
-from ppmc.analysis.explore import path_figure, read_samples
+from ppmc.analysis.explore import path_figure
 from ppmc.analysis.flow.compare import compare_with_truth
 from ppmc.analysis.report.tables import truth_table
 from ppmc.ct import stage as ct
@@ -69,7 +70,7 @@ for name, errors in (("fibre direction", comparison.fibre_errors), ("platelet no
 # ## Along the specimen
 
 # %%
-true, found = read_samples(volume), read_samples(measured)
+true, found = ppmc.read(volume).particles, ppmc.read(measured).particles
 path = straight_path("length", 0, 14, [0, -np.inf, -np.inf], [14, np.inf, np.inf])
 path_figure(path, true, found)
 

@@ -29,11 +29,12 @@ import os
 
 import numpy as np
 
+import ppmc
 from ppmc.analysis.averages.local import local_frames, localise, material_normals, turned_to
 from ppmc.analysis.averages.paths import swept_path
-from ppmc.analysis.averages.samples import Samples
-from ppmc.analysis.explore import path_averages, path_figure, read_samples, scene_paths
+from ppmc.analysis.explore import path_averages, path_figure, relabelled, scene_paths
 from ppmc.orientation import push_affine
+from ppmc.particles import Particles
 
 flow_file = os.environ.get("PPMC_DOME_FLOW")
 if flow_file:
@@ -76,8 +77,8 @@ p0 = np.cos(angle)[:, None] * frames[:, 0] + np.sin(angle)[:, None] * frames[:, 
 stretch = 7 / 3
 F = np.einsum("nai,a,naj->nij", frames, np.array([stretch, 1.0, 1 / stretch]), frames)
 position = np.column_stack([across, 0 * s, rng.uniform(-75, 75, count)])
-charge = Samples("charge", position, np.ones(count), p0, normal)
-moulded = Samples("stretched by 7/3", position, np.ones(count), push_affine(p0, F), normal)
+charge = Particles("charge", position, np.ones(count), p0, normal)
+moulded = Particles("stretched by 7/3", position, np.ones(count), push_affine(p0, F), normal)
 
 # %% [markdown]
 # ## Global components (D Fig 9): the walls look strange
@@ -113,7 +114,8 @@ assert np.nanmax(a.fibre_tensor[:, 2, 2]) < 0.05
 
 # %%
 if flow_file:
-    first, last = read_samples(flow_file, frame=0, label="run"), read_samples(flow_file, label="run")
+    run = ppmc.read(flow_file)
+    first, last = relabelled(run[0], "run"), relabelled(run[-1], "run")
     local_run = next(path for name, path in scene_paths(flow_file).items() if name.endswith("_local"))
     found = path_averages(local_run, last)
     grown = np.ptp(last.positions[:, 2]) / np.ptp(first.positions[:, 2])

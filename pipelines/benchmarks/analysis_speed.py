@@ -21,9 +21,9 @@ import numpy as np
 
 from ppmc.analysis.averages.averages import region_averages
 from ppmc.analysis.averages.regions import box, cylinder, sphere
-from ppmc.analysis.averages.samples import Samples
 from ppmc.files import Provenance, SeriesWriter
 from ppmc.orientation import normalise, push_affine, push_normal
+from ppmc.particles import Particles
 
 BRACKET = (187, 68, 12)
 SPACING = 0.5
@@ -34,7 +34,7 @@ def averages() -> None:
     rng, n = np.random.default_rng(1), 1_000_000
     x = rng.uniform([0, 0, 0], [90, 34, 6], (n, 3))
     ids = rng.integers(0, 5000, n)
-    s = Samples(
+    s = Particles(
         "s", x, rng.uniform(0.1, 1, n), normalise(rng.normal(size=(n, 3))), normalise(rng.normal(size=(n, 3))), ids
     )
     turn = np.radians(np.arange(360))

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+import ppmc
 from ppmc.charge.domains.domain import lattice_of
 from ppmc.charge.domains.lattice import Lattice, box_lattice
 from ppmc.charge.orient import frames_of
@@ -83,9 +84,11 @@ def show(name: str, tensor: np.ndarray, measured: list[list[float]] | None = Non
 
 def seeds() -> None:
     """Print A and N of ten seeds of the bracket's charge with 12.7 mm squares between hard walls."""
-    A, N = tensors(
-        PlateletsOrientation(length=12.7, width=12.7), box_lattice((0, 0, 0), SIZE, (0.5,) * 3), range(1, 11)
-    )
+    made = [
+        ppmc.Charge.box(SIZE, spacing=0.5, orientation=ppmc.Platelets(length=12.7, width=12.7, seed=seed))
+        for seed in range(1, 11)
+    ]
+    A, N = np.array([charge.A for charge in made]), np.array([charge.N for charge in made])
     show("A", A)
     show("N", N)
 

@@ -61,8 +61,8 @@ def analyze(
 
     ppmc analyze configs/bracket.yaml --seeds runs/seed2/flow.vtkhdf --seeds runs/seed3/flow.vtkhdf
     """
-    from ppmc.analysis.stage import run
     from ppmc.errors import InputFileError
+    from ppmc.files.lock import Claim, locked
     from ppmc.scene import load_scene, run_paths
 
     loaded = load_scene(scene)
@@ -76,18 +76,22 @@ def analyze(
         input = found[0]
     volume = volume or _beside(input, "volume.vtkhdf")
     orientations = orientations or _beside(input, "orientations.vtkhdf")
-    written = run(
-        loaded,
-        input=input,
-        output=output or paths.analysis,
-        volume=volume,
-        orientations=orientations,
-        charge=charge,
-        moulded=moulded,
-        compare=compare or (),
-        seeds=seeds or (),
-        force=force,
-    )
+    output = output or paths.analysis
+    with locked([Claim(output)]):
+        from ppmc.analysis.stage import run
+
+        written = run(
+            loaded,
+            input=input,
+            output=output,
+            volume=volume,
+            orientations=orientations,
+            charge=charge,
+            moulded=moulded,
+            compare=compare or (),
+            seeds=seeds or (),
+            force=force,
+        )
     print(f"{written}\n{written.parent / 'report.html'}")
 
 

@@ -1,8 +1,9 @@
-"""Short cuts for notebooks: any ppmc file as samples, the paths of its scene, and path plots in one call.
+"""Short cuts for notebooks: the paths of a file's scene, and path plots in one call.
 
->>> from ppmc.analysis.explore import path_figure, read_samples, scene_paths
->>> start, end = (read_samples("runs/bracket/flow.vtkhdf", frame=k) for k in (0, -1))
->>> path_figure(scene_paths("runs/bracket/flow.vtkhdf")["hole_minus"], start, end)
+>>> import ppmc
+>>> from ppmc.analysis.explore import path_figure, scene_paths
+>>> flow = ppmc.read("runs/bracket/flow.vtkhdf")
+>>> path_figure(scene_paths(flow.path)["hole_minus"], flow[0], flow[-1])
 """
 
 from __future__ import annotations
@@ -18,11 +19,10 @@ from ppmc.analysis.averages.averages import RegionAverages, in_frames, region_av
 from ppmc.analysis.averages.build import build_path, local_path
 from ppmc.analysis.averages.paths import InspectionPath
 from ppmc.analysis.averages.regions import Region
-from ppmc.analysis.averages.samples import Samples, join
-from ppmc.analysis.averages.sources import charge_source, flow_source, orientations_source, truth_source
+from ppmc.analysis.averages.sources import flow_source
 from ppmc.errors import InputFileError, SceneError
-from ppmc.files import open_series, read_particles, read_voxels
-from ppmc.files.guard import product_of
+from ppmc.files import open_series
+from ppmc.particles import Particles
 from ppmc.scene import Scene
 from ppmc.scene.sections.analysis import AnalysisSection
 
@@ -31,40 +31,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ppmc.orientation.tensor_ode import TensorModel
-
-
-def read_samples(path: str | Path, frame: int = -1, label: str | None = None) -> Samples:
-    """Read a flow's frame, a charge, voxel orientations or a phantom's truth.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file; its contract is read from it.
-    frame : int
-        Frame of a flow; negative counts from the end.
-    label : str, optional
-        Name in legends; that of the product if left out.
-
-    Raises
-    ------
-    InputFileError
-        If the file is missing, damaged, or carries no directions.
-    """
-    path = Path(path)
-    product = product_of(path)
-    if product == "flow":
-        with open_series(path, "flow") as file:
-            return next(flow_source(file, frame, label or "flow").parts())
-    if product == "charge":
-        return next(charge_source(read_particles(path, "charge"), label or "charge").parts())
-    if product not in ("volume", "orientations"):
-        raise InputFileError(f"{path}: holds '{product}', which carries no directions; give a flow, charge or CT file")
-    with read_voxels(path, product) as voxels:
-        if product == "volume":
-            source = truth_source(voxels, label or "phantom truth")
-        else:
-            source = orientations_source(voxels, label or "CT")
-        return join(list(source.parts()), source.label)
 
 
 def scene_paths(path: str | Path, frame: int = -1) -> dict[str, InspectionPath]:
@@ -99,12 +65,12 @@ def scene_paths(path: str | Path, frame: int = -1) -> dict[str, InspectionPath]:
     return out
 
 
-def path_averages(path: InspectionPath, samples: Samples) -> RegionAverages:
+def path_averages(path: InspectionPath, samples: Particles) -> RegionAverages:
     """Average over a path's regions, in the path's own components."""
     return in_frames(region_averages(samples, path.regions), path.frames)
 
 
-def path_figure(path: InspectionPath, *samples: Samples) -> Figure:
+def path_figure(path: InspectionPath, *samples: Particles) -> Figure:
     """Draw A and N along a path for one or more sources; band: the standard error where platelets are numbered."""
     from ppmc.analysis.figures.plots import PathSeries, plot_path
 
@@ -117,14 +83,15 @@ def path_figure(path: InspectionPath, *samples: Samples) -> Figure:
     return plot_path(path, series)
 
 
-def view_figure(samples: Samples, name: str, cut: tuple[ArrayLike, ArrayLike] | None = None) -> Figure:
+def view_figure(samples: Particles, name: str, cut: tuple[ArrayLike, ArrayLike] | None = None) -> Figure:
     """Draw a view of the report: squares of a direction, the part split by direction, platelets, maps.
 
     Parameters
     ----------
-    samples : Samples
+    samples : Particles
     name : str
-        ``fibre_direction``, ``platelet_normal``, ``dominant_direction``, ``iso_surface``, ``platelets`` or ``maps``.
+        ``fibre_direction``, ``platelet_normal``, ``dominant_direction``, ``iso_surface``, ``platelets`` or ``maps``;
+        or any field of the samples: a scalar, or the length of a vector.
     cut : (point, normal), optional
         Plane that opens the part; what lies on the normal's side is left out.
 
@@ -133,17 +100,20 @@ def view_figure(samples: Samples, name: str, cut: tuple[ArrayLike, ArrayLike] | 
     SceneError
         If there is no such view, or the samples do not carry what it shows.
     """
+    from ppmc.analysis.figures.panels import field_panel
     from ppmc.analysis.figures.pictures import MAKERS, SPLIT, open_to
     from ppmc.analysis.figures.views import EYE, CloudView, draw_clouds
 
-    if name not in MAKERS:
-        raise SceneError(f"no view '{name}'; there are {', '.join(MAKERS)}")
+    if name not in MAKERS and name not in samples.arrays():
+        fields = ", ".join(samples.arrays())
+        raise SceneError(f"no view '{name}'; there are {', '.join(MAKERS)}, and the fields {fields}")
     direction = EYE
     if cut is not None:
         point, normal = (np.asarray(v, dtype=float) for v in cut)
         samples = samples.select((samples.positions - point) @ normal <= 0)
         direction = open_to(normal)
-    panels = MAKERS[name](samples, samples.spacing) if len(samples) else []
+    make = MAKERS.get(name, lambda s, _: [field_panel(s, name)])
+    panels = make(samples, samples.spacing) if len(samples) else []
     if not panels:
         raise SceneError(f"{samples.title}: carries nothing that the view '{name}' could show")
     ghost = samples.positions if name in SPLIT else None
@@ -176,20 +146,20 @@ def disk_figure(
     return plot_profile(z, A, N, "height z / half-thickness [–]")
 
 
-def region_frame(samples: Samples, regions: list[Region] | tuple[Region, ...]) -> pd.DataFrame:
+def region_frame(samples: Particles, regions: list[Region] | tuple[Region, ...]) -> pd.DataFrame:
     """Return counts, A, N and their spread over regions as a pandas frame."""
     from ppmc.analysis.report.tables import region_table
 
     return region_table(samples.label, samples.time, region_averages(samples, regions))
 
 
-def fourth_frame(samples: Samples, regions: list[Region] | tuple[Region, ...]) -> pd.DataFrame:
+def fourth_frame(samples: Particles, regions: list[Region] | tuple[Region, ...]) -> pd.DataFrame:
     """Return the 15 independent components of 𝔸 and ℕ over regions as a pandas frame, columns A1111 to N3333."""
     from ppmc.analysis.report.tables import fourth_table
 
     return fourth_table(samples.label, samples.time, region_averages(samples, regions))
 
 
-def relabelled(samples: Samples, label: str) -> Samples:
+def relabelled(samples: Particles, label: str) -> Particles:
     """Return the same samples under another name."""
     return replace(samples, label=label)

@@ -11,7 +11,6 @@ import numpy as np
 from ppmc.analysis.averages.averages import RegionAverages
 from ppmc.analysis.averages.build import build_path, build_regions, local_path
 from ppmc.analysis.averages.paths import AXIS_NAMES
-from ppmc.analysis.averages.samples import Samples
 from ppmc.analysis.averages.sources import Source, charge_source, flow_source, orientations_source, truth_source
 from ppmc.analysis.flow.comparisons import compare_runs, compare_with_mask, compare_with_part
 from ppmc.analysis.flow.ensemble import ensemble
@@ -22,6 +21,7 @@ from ppmc.analysis.flow.occupancy import cells_around
 from ppmc.analysis.flow.results import Analysed, FlowMaps, Results, press_force
 from ppmc.files import ParticleFile, SeriesFile, VoxelFile
 from ppmc.files.verdict import FORCE_ESTIMATE, read_verdict
+from ppmc.particles import Particles
 
 if TYPE_CHECKING:
     from ppmc.scene import Scene
@@ -216,13 +216,13 @@ def _add_flow(results: Results, flow: SeriesFile) -> None:
     results.flow_maps = FlowMaps(last, source.spacing, times, knit)
 
 
-def _states(flow: SeriesFile) -> Iterator[tuple[float, Samples]]:
+def _states(flow: SeriesFile) -> Iterator[tuple[float, Particles]]:
     """Yield times and where the material is, at most `FILL_FRAMES` of them."""
     volume = flow.static["volume"].astype(float)
     for k in np.unique(np.linspace(0, len(flow.times) - 1, FILL_FRAMES).round().astype(int)):
         values = flow.frame(int(k), ("deformation_gradient",))
         fields = {"deformation_gradient": values["deformation_gradient"]}
-        yield float(flow.times[k]), Samples("flow", values["position"], volume, fields=fields)
+        yield float(flow.times[k]), Particles("flow", values["position"], volume, fields=fields)
 
 
 def _kinematics_of(flow: SeriesFile, k: int) -> Kinematics:

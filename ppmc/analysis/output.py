@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,8 +34,19 @@ from ppmc.analysis.report.tables import (
     to_json_ready,
     truth_table,
 )
-from ppmc.files import Provenance, SeriesWriter, file_digest, growing_folder, whole_file
+from ppmc.errors import InputFileError
+from ppmc.files import MemorySeries, Provenance, SeriesFile, check_output, file_digest, whole_file, write_series
+from ppmc.files.beside import is_marked, mark
+from ppmc.files.guard import open_guarded
+from ppmc.files.lock import remove_leftovers
+from ppmc.files.storage import is_text_with
+from ppmc.files.text import read_json
 from ppmc.orientation import to_six
+
+MARKED = (".gif", ".msh", ".png", ".vtu")
+DECKS = (".inp", ".k")  # begin with two lines that are ours and always the same
+# What stands near the start of texts that have no place for a mark.
+TEXTS = {"report.html": b"ppmc analysis", "analysis.json": b'"scene": ', "scene.html": b"ppmc"}
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,49 +64,82 @@ def write_results(
     own: Provenance,
     output: Path,
     mapped: Mapping[str, MappedMesh] | None = None,
+    *,
+    keep: Iterable[Path | None] = (),
+    force: bool = False,
 ) -> None:
     """Write all results beside `output`; it comes last, so its presence says that everything is there.
 
+    Parameters
+    ----------
+    keep : iterable of Path
+        Files that are not replaced: those that were read.
+    force : bool
+        Replace files of other programs.
+
     Raises
     ------
+    SceneError
+        If a result would replace a file that was read, or another program's; nothing is written then.
     StorageError
         If a file cannot be written.
     """
-    folder = output.parent
-    names = ["analysis.json", "report.html"]
-    tables = result_tables(results)
-    for name, table in tables.items():
-        _write_text(folder / "tables" / f"{name}.csv", table.to_csv(index=False, float_format="%.9g"))
-        names.append(f"tables/{name}.csv")
+    folder, contents = output.parent, dict[str, bytes]()
+    for name, table in result_tables(results).items():
+        contents[f"tables/{name}.csv"] = _csv(table)
     for name, picture in zip(file_names([picture.name for picture in pictures]), pictures, strict=True):
-        _write_bytes(folder / "figures" / f"{name}.{picture.kind}", picture.image)
-        names.append(f"figures/{name}.{picture.kind}")
+        contents[f"figures/{name}.{picture.kind}"] = picture.image
     for label, mesh in (mapped or {}).items():
         name = "mapped" if label == "input" else file_names([f"mapped_{label}"])[0]
-        write_mapped(mesh, folder, name, section.mesh.formats if section.mesh is not None else ())
-        elements = element_table(mesh).to_csv(index=False, float_format="%.9g")
-        _write_text(folder / "tables" / f"{name}_elements.csv", elements)
-        made = [path.name for path in folder.glob(f"{name}[._]*") if path.is_file()]
-        names += [*made, f"tables/{name}_elements.csv"]
+        with TemporaryDirectory(prefix="ppmc-mapped-") as fresh:
+            write_mapped(mesh, Path(fresh), name, section.mesh.formats if section.mesh is not None else ())
+            contents |= {path.name: path.read_bytes() for path in sorted(Path(fresh).iterdir())}
+        contents[f"tables/{name}_elements.csv"] = _csv(element_table(mesh))
     if section.interactive and results.frames:
-        _write_scene_page(scene, section, results, folder)
-        names.append("scene.html")
+        contents["scene.html"] = _scene_page(scene, section, results).encode()
     summary = {
         "scene": scene.name,
         "key": own.key,
         "inputs": {i.name: i.digest for i in inputs},
         **flat_summary(results),
     }
-    _write_text(folder / "analysis.json", json.dumps(to_json_ready(summary), indent=1))
+    contents["analysis.json"] = json.dumps(to_json_ready(summary), indent=1).encode()
     title = f"ppmc analysis: {scene.name}"
     page = write_report(title, scene.description, results, pictures, inputs, own, mapped)
-    _write_text(folder / "report.html", page)
-    _write_series(results, own, output, _digests(folder, names))
+    contents["report.html"] = page.encode()
+    _check_all(output, contents, keep, force)
+    for name, data in contents.items():
+        _write(folder / name, data)
+    # Damage to what stands beside the analysis file is noticed by its digests.
+    beside = {name: file_digest(folder / name) for name in sorted(contents)}
+    write_series(analysis_series(results, own, beside), output)
 
 
-def _digests(folder: Path, names: Sequence[str]) -> dict[str, str]:
-    """Return the digests of what was written beside the analysis file, so that damage to it is noticed."""
-    return {name: file_digest(folder / name) for name in sorted(set(names))}
+def _check_all(output: Path, contents: Mapping[str, bytes], keep: Iterable[Path | None], force: bool) -> None:
+    """Make sure that every file may be written, before the first one is; remove what a killed run has left of them.
+
+    An existing file is ours if it bears a mark, begins as the new one does, or is as the last analysis has noted it.
+    """
+    try:
+        with open_guarded(output, "analysis") as file:
+            noted = read_json(file["ppmc"], "extra").get("files", {})
+    except InputFileError:
+        noted = {}
+    kept = list(keep)
+
+    def what(path: Path) -> str:
+        name = path.relative_to(output.parent).as_posix()
+        if noted.get(name) == file_digest(path):
+            return ""
+        if path.suffix in MARKED:
+            return is_marked(path)
+        start = TEXTS.get(name) or b"\n".join(contents[name].split(b"\n", 2)[: 2 if path.suffix in DECKS else 1])
+        return is_text_with(start, max(len(start), 4096))(path)
+
+    for name in contents:
+        path = output.parent / name
+        check_output(path, kept, is_own=what, force=force)
+        remove_leftovers(path.parent, path.name)
 
 
 def file_names(names: Sequence[str]) -> list[str]:
@@ -151,28 +196,38 @@ def result_tables(results: Results) -> dict[str, pd.DataFrame]:
     return tables
 
 
-def _write_text(path: Path, text: str) -> None:
-    _write_bytes(path, text.encode("utf-8"))
+def _csv(table: pd.DataFrame) -> bytes:
+    return table.to_csv(index=False, float_format="%.9g").encode()
 
 
-def _write_bytes(path: Path, data: bytes) -> None:
+def _write(path: Path, data: bytes) -> None:
     with whole_file(path) as temporary:
         temporary.write_bytes(data)
+        if path.suffix in (".png", ".gif"):
+            mark(temporary, path.suffix)
 
 
-def _write_scene_page(scene: Scene, section: AnalysisSection, results: Results, folder: Path) -> None:
+def _scene_page(scene: Scene, section: AnalysisSection, results: Results) -> str:
     source = results.frames[-1].source
     samples = source.thinned(section.view_points)
     maps = scalar_maps(samples)
     if results.flow_maps is not None and len(samples) == len(results.flow_maps.samples):
         maps = scalar_maps(results.flow_maps.samples)
     shown = [*squares(samples, "fibre_direction"), *squares(samples, "platelet_normal"), *maps]
-    page = scene_page(f"{scene.name}: {source.title}", samples.positions, source.spacing, shown)
-    _write_text(folder / "scene.html", page)
+    return scene_page(f"{scene.name}: {source.title}", samples.positions, source.spacing, shown)
 
 
-def _write_series(results: Results, own: Provenance, output: Path, beside: Mapping[str, str]) -> None:
-    """Write the input's tensors over regions and paths, a frame a time step, as points at the regions' centres."""
+def analysis_series(results: Results, own: Provenance, beside: Mapping[str, str]) -> SeriesFile:
+    """Return the input's tensors over regions and paths, a frame a time step, as points at the regions' centres.
+
+    Parameters
+    ----------
+    results : Results
+        With at least one frame.
+    own : Provenance
+    beside : mapping of str to str
+        Digests of the files that are written beside.
+    """
     # A local path has the regions of the path it was made from; the file keeps tool axes and so holds them once.
     kept = [k for k, path in enumerate(results.paths) if path.components != COMPONENTS]
     regions: tuple[Region, ...] = (*results.regions, *(r for k in kept for r in results.paths[k].regions))
@@ -181,34 +236,31 @@ def _write_series(results: Results, own: Provenance, output: Path, beside: Mappi
         "particle_count", "region_volume",
     )  # fmt: skip
     static = {"region_id": np.arange(len(regions), dtype=np.int32)}
-    writer = SeriesWriter.create(
-        growing_folder(output), len(regions), static, fields, (), provenance=own, product="analysis"
-    )
-    try:
-        for entry in results.frames:
-            averages = (entry.regions, *(entry.paths[k] for k in kept))
-            centroid = np.concatenate([a.centroid for a in averages])
-            fibre = np.concatenate([a.fibre_tensor for a in averages])
-            normal = np.concatenate([a.normal_tensor for a in averages])
-            known = np.isfinite(centroid).all(axis=1, keepdims=True)
-            near = np.where(known, centroid, [r.origin for r in regions])
-            writer.append(
-                entry.source.time or 0.0,
-                np.array([r.centre_near(x) for r, x in zip(regions, near, strict=True)]),
-                {
-                    "fibre_tensor": to_six(fibre),
-                    "normal_tensor": to_six(normal),
-                    "principal_fibre_direction": principal_directions(fibre),
-                    "principal_normal_direction": principal_directions(normal),
-                    "particle_count": np.concatenate([a.particle_count for a in averages]),
-                    "region_volume": np.concatenate([a.material_volume for a in averages]),
-                },
-            )
-        names = [region.name for region in regions]
-        described = {"region_names": names, "region_descriptions": [r.describe() for r in regions]}
-        writer.seal(output, extra={**described, "files": dict(beside)})
-    finally:
-        writer.remove()  # gone already if it was sealed
+    series = MemorySeries("analysis", static, fields, (), own)
+    for entry in results.frames:
+        averages = (entry.regions, *(entry.paths[k] for k in kept))
+        centroid = np.concatenate([a.centroid for a in averages])
+        fibre = np.concatenate([a.fibre_tensor for a in averages])
+        normal = np.concatenate([a.normal_tensor for a in averages])
+        known = np.isfinite(centroid).all(axis=1, keepdims=True)
+        near = np.where(known, centroid, [r.origin for r in regions])
+        series.append(
+            entry.source.time or 0.0,
+            np.array([r.centre_near(x) for r, x in zip(regions, near, strict=True)]),
+            {
+                "fibre_tensor": to_six(fibre),
+                "normal_tensor": to_six(normal),
+                "principal_fibre_direction": principal_directions(fibre),
+                "principal_normal_direction": principal_directions(normal),
+                "particle_count": np.concatenate([a.particle_count for a in averages]),
+                "region_volume": np.concatenate([a.material_volume for a in averages]),
+            },
+            {},
+        )
+    names = [region.name for region in regions]
+    described = {"region_names": names, "region_descriptions": [r.describe() for r in regions]}
+    series.seal({}, {**described, "files": dict(beside)})
+    return series.opened()
 
 
 def principal_directions(tensor: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from ppmc.analysis.flow.compare import compare_with_truth
 from ppmc.analysis.gather import Opened, gather, truth_links
 from ppmc.analysis.mesh.mesh import read_mesh
 from ppmc.analysis.mesh.structural import map_mesh
-from ppmc.analysis.output import write_results
+from ppmc.analysis.output import TEXTS, write_results
 from ppmc.analysis.report.report import InputFile
 from ppmc.errors import InputFileError, SceneError
 from ppmc.files import (
@@ -38,8 +38,6 @@ if TYPE_CHECKING:
     from ppmc.scene import Scene
 
 KINDS = ("flow", "charge", "orientations")
-# What is written beside the output under names of its own, and what stands near its start.
-TEXTS = {"report.html": b"ppmc analysis", "analysis.json": b'"scene": ', "scene.html": b"ppmc"}
 
 
 def _claims(given: Mapping[str, Any]) -> list[Claim]:
@@ -163,7 +161,8 @@ def run(
             InputFile(name, kind, digest, origin)
             for (name, digest), kind, origin in zip_longest(own.inputs.items(), kinds, origins)
         ]
-        write_results(scene, section, results, pictures, inputs, own, output, mapped)
+        keep = [*depends.inputs, *scene.every_named_file()]
+        write_results(scene, section, results, pictures, inputs, own, output, mapped, keep=keep, force=force)
         bar.update(6, "report")
     return output
 

@@ -53,9 +53,7 @@ def charge(
 
     ppmc charge configs/demo.yaml --export charge.inp --pictures figures
     """
-    from ppmc.charge.report import lines
-    from ppmc.charge.stage import draw, run
-    from ppmc.charge.stage import export as export_charge
+    from ppmc.files.lock import Claim, locked
     from ppmc.scene import load_scene
     from ppmc.scene.paths import run_paths
 
@@ -64,10 +62,17 @@ def charge(
     section = loaded.require("charge")
     if input is None and section.orientation.source == "ct":
         input = paths.orientations
-    written = run(loaded, input=input, output=output or paths.charge, volume=volume, force=force)
-    print("\n".join(lines(written)))
-    for path in export or []:
-        print(f"  exported {export_charge(written, path, force=force)}")
-    if pictures is not None:
-        for picture in draw(loaded, written, pictures):
-            print(f"  drew {picture}")
+    output = output or paths.charge
+    with locked([Claim(output)]):
+        from ppmc.charge.report import lines
+        from ppmc.charge.stage import draw, run
+        from ppmc.charge.stage import export as export_charge
+
+        written = run(loaded, input=input, output=output, volume=volume, force=force)
+        print("\n".join(lines(written)))
+        keep = loaded.every_named_file()
+        for path in export or []:
+            print(f"  exported {export_charge(written, path, keep=keep, force=force)}")
+        if pictures is not None:
+            for picture in draw(loaded, written, pictures, force=force):
+                print(f"  drew {picture}")

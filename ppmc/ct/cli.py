@@ -58,7 +58,6 @@ def ct(
 
     ppmc ct scan.yaml --suggest
     """
-    from ppmc.ct import stage
     from ppmc.scene import load_scene
     from ppmc.scene.paths import run_paths
 
@@ -67,17 +66,23 @@ def ct(
     if input is None and loaded.require("ct").source.path is None:
         input = paths.volume
     if suggest:
-        print("\n".join(stage.suggest(loaded, input=input)))
+        from ppmc.ct.stage import suggest as advice
+
+        print("\n".join(advice(loaded, input=input)))
         return
     share = share_of(part) if part else None
-    written = stage.run(
-        loaded, input=input, output=output or paths.orientations, resume=resume, part=share, force=force
-    )
+    output = output or paths.orientations
+    from ppmc.files.lock import Claim, locked
+
+    with locked([Claim(output, shared=share is not None)]):
+        from ppmc.ct import stage
+
+        written = stage.run(loaded, input=input, output=output, resume=resume, part=share, force=force, tell=print)
     print(written)
     if figures is not None and share is None:
         from ppmc.ct.figures import draw
 
-        for path in draw(written, figures):
+        for path in draw(written, figures, force=force):
             print(path)
 
 
@@ -113,9 +118,13 @@ def phantom(
     --------
     ppmc phantom configs/demo.yaml
     """
-    from ppmc.ct.stage import make_phantom
+    from ppmc.files.lock import Claim, locked
     from ppmc.scene import load_scene
     from ppmc.scene.paths import run_paths
 
     loaded = load_scene(scene)
-    print(make_phantom(loaded, output or run_paths(loaded).volume, force=force))
+    output = output or run_paths(loaded).volume
+    with locked([Claim(output)]):
+        from ppmc.ct.stage import make_phantom
+
+        print(make_phantom(loaded, output, force=force))

@@ -1,8 +1,9 @@
 """From tensors to orientations: p, r, and how certain they are.
 
 p is the direction of least gradient in its own small window, or in those least disturbed among several (see
-:mod:`ppmc.ct.sides`). r comes from a larger window; a doubtful p is kept in the plane orthogonal to it, and in the end
-r is made orthogonal to p. Kernels work on a chunk of voxels of a row (see :mod:`ppmc.ct.eigen`).
+:mod:`ppmc.ct.follow` and :mod:`ppmc.ct.sides`). r comes from a larger window. Where there are platelets, a doubtful p
+is kept in the plane orthogonal to it; nothing else pulls p anywhere. In the end r is made orthogonal to p. Kernels work
+on a chunk of voxels of a row (see :mod:`ppmc.ct.eigen`).
 """
 
 # Kernels take arrays and scalars only; numba infers their types.
@@ -13,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from ppmc.ct.eigen import CHUNK, R1, R2, R3, R4, R5, R6, R7, R8, R9, R10, R11, WORK, solve
+from ppmc.ct.follow import blend_along, load_packed
 from ppmc.ct.passes import entry, kernel
 from ppmc.ct.sides import blend_sides, load, press_flat
 from ppmc.ct.steer import interpolate
@@ -148,16 +150,17 @@ def _judge(frame, least_energy, least_confidence, valid, first, n):
 
 @entry()
 def orient_planes(
-    tensors, scores, shape, corner, step, inverse_h, side_steps, coarse, coarse_shape, lower, share, scale,
-    least_energy, least_confidence, samples, out_shape, first, fibre, normal, values, confidence, planarity,
-    predicted, valid, buffers,
+    tensors, scores, shape, corner, step, inverse_h, side_steps, along, weights_along, planar, coarse, coarse_shape,
+    lower, share, scale, least_energy, least_confidence, samples, out_shape, first, fibre, normal, values, confidence,
+    planarity, predicted, valid, buffers,
 ):  # fmt: skip
     """Turn planes of tensors into orientations.
 
     Parameters
     ----------
     tensors : (nz * channels * ny * pitch,) float32
-        Tensors of the small window; if ``side_steps`` is above 0 at every voxel, up to one more than that outside.
+        Tensors of the small window; if ``side_steps`` is above 0 at every voxel, up to one more than that outside. If
+        windows follow the fibre, as :func:`ppmc.ct.follow.pack_planes` leaves them, up to its ``REACH`` outside.
     scores : (nz * ny * pitch,) float32, or empty
         Their least eigenvalues (see :func:`ppmc.ct.sides.score_planes`); needed if ``side_steps`` is above 0.
     shape : three ints
@@ -167,7 +170,12 @@ def orient_planes(
     inverse_h : (3,) float32
         One over the voxel size.
     side_steps : int
-        Reach of displaced windows, voxels.
+        Reach of windows displaced along r, voxels.
+    along, weights_along : (3,) float32, (k,) float32
+        One step along the fibre in voxels (x, y, z), and the weights of the windows 1 to k steps away; no weights for
+        windows that do not follow the fibre.
+    planar : bool
+        Whether fibres lie in the platelets' plane.
     coarse, coarse_shape : (cz * cy * 6 * ox,) float32, three ints
         Tensors of the large window, in x at the output voxels, and cz, cy, ox; or empty to take r from the small one.
     lower, share : two arrays (z, y) each, int64 and float32
@@ -191,15 +199,23 @@ def orient_planes(
     ny, pitch, channels = shape
     cz, cy, cx = coarse_shape
     two_scales = coarse.shape[0] > 0
+    follows = weights_along.shape[0] > 0
     best, blended, small, large, work, frame, aim, one, other, floor, better, total, press = buffers
-    for k in range(oz):
-        z = corner[2] + k * step
+    # a stretch of a few rows through all planes: the windows that its voxels look at stay in a near cache
+    for i in range(0, ox, CHUNK):
+        n = min(CHUNK, ox - i)
+        x = corner[0] + i * step
         for j in range(oy):
             y = corner[1] + j * step
-            for i in range(0, ox, CHUNK):
-                n = min(CHUNK, ox - i)
-                x = corner[0] + i * step
-                load(tensors, (z * channels * ny + y) * pitch + x, ny * pitch, step, n, best)
+            for k in range(oz):
+                z = corner[2] + k * step
+                if follows:
+                    middle = (z * ny + y) * pitch + x
+                    load_packed(tensors, middle, step, n, best)
+                    solve(best, work, small)
+                    blend_along(tensors, middle, step, n, pitch, ny * pitch, small, along, weights_along, best)
+                else:
+                    load(tensors, (z * channels * ny + y) * pitch + x, ny * pitch, step, n, best)
                 if two_scales:
                     k0, j0 = lower[0][k], lower[1][j]
                     k1, j1 = min(k0 + 1, cz - 1), min(j0 + 1, cy - 1)
@@ -216,13 +232,13 @@ def orient_planes(
                         tensors, scores, large, inverse_h, side_steps, x, step, n, y, z, ny, pitch, channels,
                         aim, one, other, floor, better, total, best,
                     )  # fmt: skip
-                if two_scales:
+                if two_scales and planar:
                     solve(best, work, small)
                     for m in range(CHUNK):
                         press[m] = FLATNESS * max(small[m], ZERO)
                     press_flat(best, press, large)
                 solve(best, work, small)
-                if two_scales:
+                if two_scales and planar:
                     _release(small, press, large)
                 if two_scales or side_steps > 0:
                     _orthogonal(small, large)

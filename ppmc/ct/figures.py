@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.files import read_voxels
+from ppmc.files.beside import marked_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,7 +21,7 @@ BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "0.55"
 AXES = ("x1", "x2", "x3")
 
 
-def draw(path: Path, folder: Path) -> list[Path]:
+def draw(path: Path, folder: Path, *, force: bool = False) -> list[Path]:
     """Draw all figures of an orientations file.
 
     Parameters
@@ -29,6 +30,8 @@ def draw(path: Path, folder: Path) -> list[Path]:
         Orientations file.
     folder : Path
         Where the PNG files go.
+    force : bool
+        Replace pictures of other programs.
 
     Returns
     -------
@@ -42,7 +45,6 @@ def draw(path: Path, folder: Path) -> list[Path]:
         p, r = file.read("fibre_direction", every), file.read("platelet_normal", every)
         valid = file.read("valid", every) > 0
         sure = file.read("confidence", every) if "confidence" in file.names else valid.astype(np.float32)
-    folder.mkdir(parents=True, exist_ok=True)
     figures = {
         "slices": slices(p, sure, valid, grid.spacing),
         "angles": angles(p[valid], r[valid]),
@@ -53,7 +55,8 @@ def draw(path: Path, folder: Path) -> list[Path]:
     written = []
     for name, figure in figures.items():
         written.append(folder / f"orientations_{name}.png")
-        figure.savefig(written[-1], dpi=130)
+        with marked_file(written[-1], [path], force=force) as temporary:
+            figure.savefig(temporary, format="png", dpi=130)
     return written
 
 

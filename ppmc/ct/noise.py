@@ -8,17 +8,26 @@ along p, of variance l1, meets parts l2 and l3 across it, averaged over as many 
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmc.ct.settings import Settings
 from ppmc.ct.source import Volume
+
+if TYPE_CHECKING:
+    from ppmc.ct.settings import Settings
 
 Floats = NDArray[np.float32]
 
 SIDE = 32
 BLOCKS = 3
 SECOND_DIFFERENCE = np.array([1.0, -2.0, 1.0]) / np.sqrt(6.0)
+LEFT_OUT = 1.25
+"""Errors of p over those of the first order: windows that count most because they see little disturbance have less of
+it than they should by chance, and neighbours' gradients are no independent samples."""
 MEDIAN_OF_NORMAL = 0.67449
 
 
@@ -29,22 +38,26 @@ def noise_level(volume: Volume) -> float:
     one of them, as fibres are; the median of their size ignores the few voxels at edges of voids.
     """
     found = []
-    starts = [np.unique(np.linspace(0, max(n - SIDE, 0), BLOCKS).astype(int)) for n in volume.shape]
-    for z in starts[0]:
-        for y in starts[1]:
-            for x in starts[2]:
-                box = tuple(slice(int(a), min(int(a) + SIDE, n)) for a, n in zip((z, y, x), volume.shape, strict=True))
-                if volume.leave_out and volume.without_data(volume.read(box)) is not None:  # type: ignore[arg-type]
-                    continue
-                values = volume.grey(box).astype(np.float64)  # type: ignore[arg-type]
-                for axis in range(3):
-                    n = values.shape[axis]
-                    if n < 3:
-                        return 0.0
-                    low, mid, high = (np.take(values, range(k, n - 2 + k), axis=axis) for k in range(3))
-                    values = SECOND_DIFFERENCE[0] * (low + high) + SECOND_DIFFERENCE[1] * mid
-                found.append(np.median(np.abs(values)) / MEDIAN_OF_NORMAL)
+    for block in blocks_of(volume):
+        values = block
+        for axis in range(3):
+            n = values.shape[axis]
+            if n < 3:
+                return 0.0
+            low, mid, high = (np.take(values, range(k, n - 2 + k), axis=axis) for k in range(3))
+            values = SECOND_DIFFERENCE[0] * (low + high) + SECOND_DIFFERENCE[1] * mid
+        found.append(np.median(np.abs(values)) / MEDIAN_OF_NORMAL)
     return float(np.median(found)) if found else 0.0
+
+
+def blocks_of(volume: Volume) -> Iterator[NDArray[np.float64]]:
+    """Yield small blocks of grey values spread over the volume, those with voxels without data left out."""
+    starts = [np.unique(np.linspace(0, max(n - SIDE, 0), BLOCKS).astype(int)) for n in volume.shape]
+    for z, y, x in itertools.product(*starts):
+        box = tuple(slice(int(a), min(int(a) + SIDE, n)) for a, n in zip((z, y, x), volume.shape, strict=True))
+        if volume.leave_out and volume.without_data(volume.read(box)) is not None:  # type: ignore[arg-type]
+            continue
+        yield volume.grey(box).astype(np.float64)  # type: ignore[arg-type]
 
 
 def noise_tensor(chosen: Settings, level: float) -> Floats:
@@ -77,6 +90,6 @@ def independent_samples(chosen: Settings) -> Floats:
     ratio = np.square(np.array(chosen.fibre_window) / chosen.sigma)
     across = np.sqrt(1.0 + 2.0 * ratio)
     gain = (1.0 + ratio) ** 1.5 / across - 1.0
-    if chosen.steering is not None:
+    if chosen.steering is not None or chosen.follow:
         gain[:] = gain[0]
-    return np.array([np.prod(across), *gain], np.float32)
+    return np.array([np.prod(across) / LEFT_OUT**2, *gain], np.float32)

@@ -21,6 +21,7 @@ from ppmc.ct import sides
 from ppmc.ct.block import EMPTY, Box, Coarse, Floats, Reference, TensorStream
 from ppmc.ct.combine import BUFFERS, orient_planes
 from ppmc.ct.eigen import CHUNK, scratch
+from ppmc.ct.follow import PACKED, STEP, pack_planes, weights_along
 from ppmc.ct.layout import reused
 from ppmc.ct.noise import independent_samples, tilting_part
 from ppmc.ct.normals import Cells
@@ -147,13 +148,15 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
     else:
         stream = TensorStream(
             job.volume, job.chosen, job.reference, voxels, job.chosen.window, stride=(step,) * 3, noise=noise,
-            batch=most,
+            batch=batch if job.chosen.follow else most,
         )  # fmt: skip
     scale = job.reference.unit**2
     least_energy = LEAST_ENERGY / min(job.spacing) ** 2
     if job.noise is not None:
         least_energy = max(least_energy, ENERGY_OVER_NOISE * float(job.noise[:3].sum()))
     inverse_h = (1.0 / np.array(job.spacing)).astype(np.float32)
+    along = (STEP * min(job.spacing) * inverse_h).astype(np.float32)
+    weights = weights_along() if job.chosen.follow else EMPTY
     samples = independent_samples(job.chosen)
     flat = tuple(fields[name].reshape(-1) for name in FIELD_NAMES)
     ny = stream.counts[1]
@@ -161,8 +164,11 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
     plane = stream.size
     size = ny * stream.pitch
     # Kernels read a whole chunk where a row ends.
-    slab = reused("slab", most * plane + CHUNK * apart)
-    scores = reused("scores", most * size + CHUNK * apart) if halo else EMPTY
+    follow = job.chosen.follow
+    slab = reused("slab", (batch if follow else most) * plane + CHUNK * apart)
+    scores = reused("scores", most * size + CHUNK * apart) if halo and not follow else EMPTY
+    # where windows follow the fibre, tensors are packed voxel by voxel before they are used
+    packed = reused("packed", follow * most * size * PACKED)
     inside, rows, columns = (_within(span, n) for span, n in zip(voxels, job.volume.shape, strict=True))
     buffers, score_buffers = scratch(*BUFFERS), scratch(*sides.BUFFERS)
     have = (0, 0)
@@ -171,10 +177,19 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
         want = (first * apart, (last - 1) * apart + 1 + 2 * halo)
         kept = max(have[1] - want[0], 0)
         if kept:
-            slab[: kept * plane] = slab[(have[1] - have[0] - kept) * plane : (have[1] - have[0]) * plane].copy()
-        if halo:
+            held, floats = (packed, size * PACKED) if follow else (slab, plane)
+            held[: kept * floats] = held[(have[1] - have[0] - kept) * floats : (have[1] - have[0]) * floats].copy()
+        if scores.size:
             scores[: kept * size] = scores[(have[1] - have[0] - kept) * size : (have[1] - have[0]) * size].copy()
-        if isinstance(stream, SteeredStream):
+        if follow:
+            for begin in range(want[0] + kept, want[1], batch):
+                end = min(begin + batch, want[1])
+                stream.planes(begin, end, slab)
+                pack_planes(
+                    slab, stream.channels, (inside[0] - begin, inside[1] - begin), end - begin, begin - want[0],
+                    (ny, stream.pitch), rows, columns, packed, score_buffers,
+                )  # fmt: skip
+        elif isinstance(stream, SteeredStream):
             stream.planes(want[0] + kept, want[1], slab, kept, scores)
         else:
             stream.planes(want[0] + kept, want[1], slab, kept)
@@ -189,10 +204,11 @@ def orient(job: Job, box: Box, coarse: Coarse | None, fields: dict[str, NDArray[
             outputs = ((box[0][0] + first, box[0][0] + last), box[1], box[2])
             lower, share, near = coarse.at(outputs, k)
         orient_planes(
-            slab, scores, (ny, stream.pitch, stream.channels), np.full(3, halo), apart, inverse_h,
-            job.chosen.side_steps, near.reshape(-1), (near.shape[0], near.shape[1], near.shape[3]), lower, share,
-            np.float32(scale), np.float32(scale * least_energy), np.float32(job.least_confidence), samples,
-            (last - first, oy, ox), first * oy * ox, *flat, buffers,
+            packed if follow else slab, scores, (ny, stream.pitch, stream.channels), np.full(3, halo), apart, inverse_h,
+            job.chosen.side_steps, along, weights, job.chosen.planar, near.reshape(-1),
+            (near.shape[0], near.shape[1], near.shape[3]), lower, share, np.float32(scale),
+            np.float32(scale * least_energy), np.float32(job.least_confidence), samples, (last - first, oy, ox),
+            first * oy * ox, *flat, buffers,
         )  # fmt: skip
 
 

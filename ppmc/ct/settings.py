@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.ct import filters
+from ppmc.ct.follow import variance_along
+from ppmc.ct.signal import Signal
 from ppmc.errors import SceneError
 from ppmc.scene.sections.ct import CtSection
 
 Triple = tuple[float, float, float]
 Three = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 
+CLEAN = Signal()
 FINEST_SIGMA = 0.5
 THIN = 0.9
 """Default sigma, voxels, where platelets may be but a few voxels thick: what the finest Gaussian derivative that knows
@@ -22,8 +25,12 @@ no direction takes in of the next platelet is an error that no window averages a
 REACHES, ACROSS, FINE = (4.5, 10.0), 0.9, 0.5
 """Window for p where the platelets' plane is known, voxels: half axes in that plane, and across it, of two ellipsoids
 over which is averaged in turn, and standard deviation of the round window before them, which joins their lattices."""
-ROUND = 2.0
-"""Standard deviation of the window for p where the plane of the platelets is not known, voxels."""
+ROUND, FOLLOWING = 2.0, 1.5
+"""Standard deviation of the round window for p where no platelets are known, in those of the derivative: one window
+that must do alone, and windows that follow the fibre, which together hold more."""
+NOISY, WIDEST = 0.25, 2.0
+"""How much larger that is, per energy of noise over that of the signal in the gradients; and how many times larger it
+may be, lest there be no gradient within it, where what is seen is coarse."""
 NORMAL_VOXELS, NORMAL_THICKNESSES = 8.0, 1.3
 """Standard deviation of the window for r: the larger of so many voxels and so many platelet thicknesses."""
 
@@ -66,6 +73,10 @@ class Settings:
         Reach of displaced windows, voxels.
     steering : Steering or None
         How the window for p follows the platelet's plane; None where its axes are the volume's.
+    follow : bool
+        Whether windows for p follow the fibre. The first of ``fibre_window`` is then that along it.
+    planar : bool
+        Whether fibres are known to lie in platelets, so that a doubtful p is kept in their plane.
     """
 
     sigma: Triple
@@ -78,6 +89,8 @@ class Settings:
     cell_reach: tuple[int, int, int]
     side_steps: int
     steering: Steering | None = None
+    follow: bool = False
+    planar: bool = False
 
     @property
     def gradient_radius(self) -> tuple[int, int, int]:
@@ -90,7 +103,9 @@ class Settings:
         return _radii(self.window)
 
 
-def settings(section: CtSection, spacing: Triple, shape: tuple[int, int, int], thickness: float | None) -> Settings:
+def settings(
+    section: CtSection, spacing: Triple, shape: tuple[int, int, int], thickness: float | None, signal: Signal = CLEAN
+) -> Settings:
     """Work out filters and windows.
 
     Parameters
@@ -103,6 +118,8 @@ def settings(section: CtSection, spacing: Triple, shape: tuple[int, int, int], t
         Number of voxels (nz, ny, nx).
     thickness : float or None
         Platelet thickness, mm, if known.
+    signal : Signal
+        What the volume bears, for what the scene leaves open.
 
     Raises
     ------
@@ -111,23 +128,28 @@ def settings(section: CtSection, spacing: Triple, shape: tuple[int, int, int], t
     """
     h = np.array(spacing)
     extent = h * shape[::-1]
-    steering = None
-    if thickness is not None and section.fibre_window is None:
-        steering = _steering(h)
+    if thickness is not None:
+        _check_thickness(thickness, spacing, extent)
+    follows = section.normals if section.follow is None else section.follow
+    free = section.fibre_window is None and follows
+    steering = _steering(h) if free and thickness is not None else None
+    follow = free and thickness is None and not section.side_steps
     sigma = section.sigma
     if sigma is None:
-        sigma = float(max(h.min(), 0.7 * h.max())) * (THIN if steering else 1.0)
+        sigma = float(max(h.min(), 0.7 * h.max())) * (THIN if steering else 1.0 if thickness else signal.sigma)
     if sigma < FINEST_SIGMA * h.max():
         raise SceneError(
             f"ct: sigma is {sigma:.4g} mm, finer than half a voxel ({h.max():.4g} mm); "
             f"use at least {FINEST_SIGMA * h.max():.4g} mm"
         )
-    window = FINE * h if steering else _fibre_window(section, h)
+    window = FINE * h if steering else _fibre_window(section, sigma, float(h.min()), signal, follow)
     fibre = _widths(steering, window) if steering else window
+    if follow:
+        fibre = np.array([math.hypot(float(window[0]), math.sqrt(variance_along()) * float(h.min())), *window[1:]])
     normal = section.normal_window
     if normal is None:
         wish = max(NORMAL_VOXELS * float(h.min()), NORMAL_THICKNESSES * (thickness or 0.0))
-        normal = min(wish, float(extent.min()) / 4.0)
+        normal = min(wish, float(extent.min()) / 4.0) if follows else float(window.max())
     for name, given in (("fibre_window", window), ("normal_window", np.full(3, normal)), ("sigma", np.full(3, sigma))):
         for axis, width, edge in zip("xyz", given, extent, strict=True):
             if 4.0 * width > edge:
@@ -137,7 +159,9 @@ def settings(section: CtSection, spacing: Triple, shape: tuple[int, int, int], t
                 )
     fine = [float(sigma / step) for step in h]
     slope = [filters.derivative(s) / np.float32(step) for s, step in zip(fine, h, strict=True)]
-    two_scales = steering is not None or section.normal_window is not None or normal > float(fibre.max()) * 1.01
+    two_scales = section.normals and (
+        steering is not None or section.normal_window is not None or normal > float(window.max()) * 1.01
+    )
     cells = tuple(_odd_cell(normal / step) for step in h)
     reach = tuple(
         len(filters.gaussian(coarse_sigma(normal, step, cell))) // 2 for step, cell in zip(h, cells, strict=True)
@@ -153,16 +177,39 @@ def settings(section: CtSection, spacing: Triple, shape: tuple[int, int, int], t
         ),
         cell=cells,  # type: ignore[arg-type]
         cell_reach=reach,  # type: ignore[arg-type]
-        side_steps=section.side_steps if section.side_steps is not None else (1 if thickness else 0),
+        side_steps=section.side_steps if section.side_steps is not None else (1 if thickness and follows else 0),
         steering=steering,
+        follow=follow,
+        planar=thickness is not None,
     )
 
 
-def _fibre_window(section: CtSection, h: NDArray[np.float64]) -> NDArray[np.float64]:
+def _check_thickness(thickness: float, spacing: Triple, extent: NDArray[np.float64]) -> None:
+    """Refuse a platelet thickness that cannot be one in this volume."""
+    if thickness >= extent.max():
+        raise SceneError(
+            f"ct: platelet_thickness is {thickness:.4g} mm, but the whole volume measures "
+            f"{' x '.join(f'{e:.4g}' for e in extent)} mm (x, y, z) with voxels of {_size(spacing)} mm; "
+            "give the unit of the length, such as '140 um', or correct the voxel size"
+        )
+    if thickness < min(spacing):
+        raise SceneError(
+            f"ct: platelet_thickness is {thickness:.4g} mm, less than a voxel of {_size(spacing)} mm: such platelets "
+            "are not seen; correct the length or the voxel size, or leave the thickness out"
+        )
+
+
+def _size(spacing: Triple) -> str:
+    """Return a voxel's size as text."""
+    return f"{spacing[0]:.4g}" if len(set(spacing)) == 1 else " x ".join(f"{h:.4g}" for h in spacing)
+
+
+def _fibre_window(section: CtSection, sigma: float, finest: float, signal: Signal, follow: bool) -> NDArray[np.float64]:
     """Return the window for p along the axes: what is asked for, else round."""
     window = section.fibre_window
     if window is None:
-        return np.full(3, ROUND * h.min())
+        fine = sigma * (1.0 + NOISY * min(signal.odds, 1.0))
+        return np.full(3, (FOLLOWING if follow else ROUND) * max(fine, min(signal.scale * finest, WIDEST * sigma)))
     return np.array(window if isinstance(window, tuple) else (window,) * 3)
 
 

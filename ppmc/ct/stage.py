@@ -12,18 +12,33 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ppmc.ct.block import Box
+from ppmc.ct.field_of_view import field_of_view
+from ppmc.ct.floor import gradient_floor, raised
+from ppmc.ct.found import Found
 from ppmc.ct.noise import noise_level, noise_tensor
-from ppmc.ct.orientations import FIELD_NAMES, Job, cells_of, compute_tiles, grey_reference, threads_of
+from ppmc.ct.orientations import FIELD_NAMES, Cells, Job, cells_of, compute_tiles, grey_reference, threads_of
 from ppmc.ct.parts import Fields, Parts
 from ppmc.ct.phantom import Phantom
 from ppmc.ct.registration import registered
 from ppmc.ct.segment import mask_reader, specimen_mask
 from ppmc.ct.settings import settings
+from ppmc.ct.signal import Signal, signal_of
 from ppmc.ct.source import Volume, open_volume
 from ppmc.ct.suggest import advise
 from ppmc.ct.tiles import MIB, Tiling, tiling
 from ppmc.errors import InputFileError, SceneError
-from ppmc.files import FIELDS, Claim, Provenance, VoxelGrid, VoxelWriter, check_output, is_product, one_writer
+from ppmc.files import (
+    FIELDS,
+    Claim,
+    MemoryVoxels,
+    Provenance,
+    VoxelGrid,
+    VoxelWriter,
+    check_output,
+    is_product,
+    one_writer,
+)
+from ppmc.notices import notice
 from ppmc.progress import Progress
 from ppmc.scene.depends import of_ct, of_phantom
 from ppmc.scene.sections.ct import VolumeSource
@@ -99,6 +114,7 @@ def run(
     resume: bool = False,
     part: tuple[int, int] | None = None,
     force: bool = False,
+    tell: Callable[[str], None] | None = None,
 ) -> Path:
     """Find fibre directions and platelet normals in a CT volume.
 
@@ -117,6 +133,8 @@ def run(
         with ``resume`` gathers them. For shares on several machines.
     force : bool
         Replace an output that holds no orientations of ppmc.
+    tell : callable, optional
+        Called with each line of what was found: share of valid voxels, certainty, A and N.
 
     Returns
     -------
@@ -134,11 +152,10 @@ def run(
     """
     section = scene.require("ct")
     path = volume_path(scene, input)
-    mask_path = scene.locate(section.mask.path) if section.mask is not None and section.mask.path else None
     depends = of_ct(scene, path)
     guarded = [*depends.inputs, *scene.named_files("tooling"), scene.file]
     check_output(output, guarded, is_own=is_product("orientations"), force=force)
-    with opened(scene, path, mask_path) as volume:
+    with opened(scene, path, mask_path(scene)) as volume:
         job = plan(scene, volume)
         grid = registered(VoxelGrid(volume.shape, job.spacing, volume.origin, volume.direction), section.registration)
         keeps = resume or part is not None
@@ -150,27 +167,94 @@ def run(
         threads = min(threads, threads_of(section.threads))
         provenance = Provenance.of(scene, depends)
         boxes = tiles.boxes()
+        found = Found(job.shape)
         parts = Parts(output.with_name(f"{output.name}.parts"), provenance, tiles) if keeps else None
         if part is not None:
             boxes = boxes[part[0] - 1 :: part[1]]
         if parts is not None:
             boxes = parts.missing(boxes)
-        with scratch_file(output) as scratch, ThreadPoolExecutor(threads) as pool:
-            if cells is not None and 2 * len(boxes) > len(tiles.boxes()):
-                cells.fill(pool, None if kept else scratch)
-            with Progress("structure tensor", total=len(boxes), unit="tiles") as bar, ExitStack() as stack:
-                keep = parts.keep if parts else stack.enter_context(_writer(output, job, grid, provenance))
-                for block in compute_tiles(job, cells, boxes, pool, threads):
-                    keep({name: in_tool_axes(name, values, grid) for name, values in block.fields.items()}, block.box)
-                    bar.advance()
+        with scratch_file(output) as scratch, ExitStack() as stack:
+            keep = parts.keep if parts else stack.enter_context(_writer(output, job, grid, provenance))
+            fill = 2 * len(boxes) > len(tiles.boxes())
+            for fields, box in _measured(
+                job, grid, cells, boxes, threads, fill=fill, scratch=None if kept else scratch
+            ):
+                keep(fields, box)
+                found.add(fields, box)
         if part is not None and parts is not None:
             return parts.folder
         if parts is not None:
+            found = Found(job.shape)
             with _writer(output, job, grid, provenance) as keep:
                 for box in tiles.boxes():
-                    keep(parts.read(box), box)
+                    fields = parts.read(box)
+                    keep(fields, box)
+                    found.add(fields, box)
             parts.remove()
+        if tell is not None:
+            for line in found.lines():
+                tell(line)
     return output
+
+
+def measure(scene: Scene, volume: Volume) -> MemoryVoxels:
+    """Find fibre directions and platelet normals in an open volume, and keep them in memory.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with a section ``ct``.
+    volume : Volume
+        The volume, its mask with it.
+
+    Returns
+    -------
+    MemoryVoxels
+        All that an orientations file holds, bit for bit, but its origin.
+
+    Raises
+    ------
+    SceneError, InputFileError
+        As `run`.
+    """
+    section = scene.require("ct")
+    job = plan(scene, volume)
+    grid = registered(VoxelGrid(volume.shape, job.spacing, volume.origin, volume.direction), section.registration)
+    cells = cells_of(job)
+    kept = 0.0 if cells is None else cells.nbytes / MIB
+    threads, tiles = _cut(job, section, section.memory - kept, section.threads or threads_of(0))
+    out = grid.strided(job.stride)
+    specs = {spec.name: spec for spec in FIELDS["orientations"] if spec.name in FIELD_NAMES}
+    arrays = {
+        name: np.zeros((*out.shape, *((spec.components,) if spec.components > 1 else ())), spec.dtype)
+        for name, spec in specs.items()
+    }
+    for fields, box in _measured(job, grid, cells, tiles.boxes(), min(threads, threads_of(section.threads))):
+        for name, values in fields.items():
+            at = tuple(slice(first, first + n) for (first, _), n in zip(box, values.shape, strict=False))
+            arrays[name][at] = values
+    return MemoryVoxels("orientations", arrays, grid=out, provenance=Provenance("ppmc.ct"))
+
+
+def _measured(
+    job: Job, grid: VoxelGrid, cells: Cells | None, boxes: list[Box], threads: int, *, fill: bool = True,
+    scratch: Path | None = None,
+) -> Iterator[tuple[Fields, Box]]:  # fmt: skip
+    """Yield the fields of each tile, their vectors in tool coordinates, and its place.
+
+    Parameters
+    ----------
+    fill : bool
+        Whether sums over cells are made for the whole volume first.
+    scratch : Path, optional
+        File in which they are kept; in memory if left out.
+    """
+    with ThreadPoolExecutor(threads) as pool, Progress("structure tensor", total=len(boxes), unit="tiles") as bar:
+        if cells is not None and fill:
+            cells.fill(pool, scratch)
+        for block in compute_tiles(job, cells, boxes, pool, threads):
+            yield {name: in_tool_axes(name, values, grid) for name, values in block.fields.items()}, block.box
+            bar.advance()
 
 
 def _cut(job: Job, section: CtSection, memory: float, threads: int) -> tuple[int, Tiling]:
@@ -219,25 +303,57 @@ def volume_path(scene: Scene, input: Path | None) -> Path:
     return Path(scene.locate(section.source.path))
 
 
+def mask_path(scene: Scene) -> Path | None:
+    """Return the file of the specimen's mask, if the scene names one."""
+    mask = scene.require("ct").mask
+    return scene.locate(mask.path) if mask is not None and mask.path else None
+
+
+def origin(scene: Scene, volume: Path) -> Provenance:
+    """Return the origin of orientations that are measured in a file."""
+    return Provenance.of(scene, of_ct(scene, volume))
+
+
 @contextmanager
-def opened(scene: Scene, path: Path, mask_path: Path | None) -> Iterator[Volume]:
+def opened(scene: Scene, path: Path, masked: Path | None) -> Iterator[Volume]:
     """Open the volume and the mask that belongs to it."""
     section: CtSection = scene.require("ct")
     with ExitStack() as stack:
         volume = stack.enter_context(open_volume(path, section.source))
-        if mask_path is not None and section.mask is not None:
+        if masked is not None and section.mask is not None:
             source = VolumeSource(dataset=section.mask.dataset, shape=volume.shape, dtype="uint8")
-            mask = stack.enter_context(open_volume(mask_path, source))
+            mask = stack.enter_context(open_volume(masked, source))
             if mask.shape != volume.shape:
                 raise InputFileError(
-                    f"{mask_path}: the mask has shape {mask.shape}, but the volume {path.name} has {volume.shape}; "
+                    f"{masked}: the mask has shape {mask.shape}, but the volume {path.name} has {volume.shape}; "
                     "they must be equal"
                 )
-            volume = volume.within(mask.read)
-        elif section.mask is not None and section.mask.segment:
-            found, cell = specimen_mask(volume, exclude_voids=section.mask.exclude_voids)
-            volume = volume.within(mask_reader(found, cell))
-        yield volume
+            yield volume.within(mask.read)
+        else:
+            yield specimen_of(section, volume)
+
+
+def specimen_of(section: CtSection, volume: Volume) -> Volume:
+    """Return a volume with the mask that is found in it, if the section asks for one or there is no other."""
+    if section.mask is not None and section.mask.segment:
+        found, cell = specimen_mask(volume, exclude_voids=section.mask.exclude_voids)
+        return volume.within(mask_reader(found, cell))
+    if volume.read_mask is None and (section.mask is None or section.mask.field_of_view):
+        return _within_field_of_view(volume)
+    return volume
+
+
+def _within_field_of_view(volume: Volume) -> Volume:
+    """Leave out what lies around a round field of view, and say so: its rim would be the strongest texture."""
+    seen = field_of_view(volume)
+    if seen is None:
+        return volume
+    notice(
+        f"{volume.path}: every voxel beyond {seen.radius:.0f} voxels of x = {seen.middle[1]:.0f}, "
+        f"y = {seen.middle[0]:.0f} is {seen.fill:g}: a round field of view; what is outside is left out "
+        "(ct: mask: {field_of_view: false} keeps it)"
+    )
+    return seen.reader(volume)
 
 
 def suggest(scene: Scene, *, input: Path | None = None) -> list[str]:
@@ -250,8 +366,13 @@ def suggest(scene: Scene, *, input: Path | None = None) -> list[str]:
     InputFileError
         If the volume is missing or damaged.
     """
+    section: CtSection = scene.require("ct")
     with opened(scene, volume_path(scene, input), None) as volume:
-        return advise(volume, _spacing(scene, volume), _thickness(scene)).lines()
+        bare = section.model_copy(update={"sigma": None, "fibre_window": None, "normals": True, "follow": True})
+        job, signal, level = _plan(bare, volume, _spacing(scene, volume), _thickness(scene))
+        alone = noise_tensor(job.chosen, level / job.reference.unit)
+        white = job.noise is None or np.array_equal(job.noise, alone)
+        return advise(job, signal, level, known=_thickness(scene) is not None, white=white).lines()
 
 
 def _spacing(scene: Scene, volume: Volume) -> tuple[float, float, float]:
@@ -274,20 +395,33 @@ def _thickness(scene: Scene) -> float | None:
 
 def plan(scene: Scene, volume: Volume) -> Job:
     """Work out filters, windows and units for a volume."""
-    section: CtSection = scene.require("ct")
-    spacing = _spacing(scene, volume)
-    chosen = settings(section, spacing, volume.shape, _thickness(scene))
+    job, _, _ = _plan(scene.require("ct"), volume, _spacing(scene, volume), _thickness(scene))
+    return job
+
+
+def _plan(
+    section: CtSection, volume: Volume, spacing: tuple[float, float, float], thickness: float | None
+) -> tuple[Job, Signal, float]:
+    """Return the job, what the volume bears, and its noise level."""
     reference = grey_reference(volume)
     level = noise_level(volume) if section.noise_level is None else section.noise_level
-    return Job(
+    signal = signal_of(volume, spacing, level)
+    chosen = settings(section, spacing, volume.shape, thickness, signal)
+    noise = None
+    if section.correct_noise:
+        noise = noise_tensor(chosen, level / reference.unit)
+        if section.noise_level is None:
+            noise = raised(noise, gradient_floor(volume, spacing, chosen, reference, signal.scale))
+    job = Job(
         volume=volume,
         spacing=spacing,
         chosen=chosen,
         reference=reference,
         stride=section.stride,
         least_confidence=section.least_confidence,
-        noise=noise_tensor(chosen, level / reference.unit) if section.correct_noise else None,
+        noise=noise,
     )
+    return job, signal, level
 
 
 def in_tool_axes(name: str, values: np.ndarray[Any, Any], grid: VoxelGrid) -> np.ndarray[Any, Any]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from ppmc.ct.block import Box
 from ppmc.ct.eigen import CHUNK
+from ppmc.ct.follow import PACKED, REACH
 from ppmc.ct.layout import row_pitch
 from ppmc.ct.settings import Settings
 from ppmc.ct.steered import TURN
@@ -22,9 +23,9 @@ BATCH = 16
 """Planes of tensors at a time: fewer stay in a nearer cache, more share what their windows have in common."""
 PLANES = 12
 """Planes of floats that the kernels keep besides."""
-FIXED, GRADIENT, FRESH, STEERED = 1.0, 1.5, 3.0, 4.0
-"""Time that an output voxel, a voxel read, a voxel of a buffer that the system must first clear, and a voxel with a
-steered window take."""
+FIXED, GRADIENT, FRESH, STEERED, FOLLOWED = 1.0, 1.5, 3.0, 4.0, 3.0
+"""Time that an output voxel, a voxel read, a voxel of a buffer that the system must first clear, a voxel with a
+steered window and one at which a window that follows the fibre may be take."""
 SIDES = (1024, 512, 256, 128, 96, 64, 48, 32, 16)
 
 
@@ -54,6 +55,8 @@ class Tiling:
 
 def side_halo(chosen: Settings) -> int:
     """Return how many tensors beyond the outputs displaced windows look at."""
+    if chosen.follow:
+        return REACH
     return chosen.side_steps + 1 if chosen.side_steps else 0
 
 
@@ -94,6 +97,9 @@ def tile_bytes(tile: tuple[int, int, int], chosen: Settings, stride: int, itemsi
     else:
         sums = (2 * chosen.window_radius[2] + 1 + (pulled - 1) * dense) * (7 if masked else 6)
         slab += pulled if masked else 0
+    if chosen.follow:
+        sums = (2 * chosen.window_radius[2] + BATCH) * (7 if masked else 6)
+        slab = BATCH * 7 + pulled * PACKED
     tensors = (sums + slab) * plane // dense**2
     cells = CELL_BYTES if chosen.normal_window is not None else 0
     for t, c, r, w in zip(tile, chosen.cell[::-1], chosen.cell_reach[::-1], wide_reach(chosen), strict=True):
@@ -159,7 +165,9 @@ def tiling(
         lanes = counts[2] * -(-tile[2] // CHUNK) * CHUNK / shape[2]
         buffers = min(threads + 1, count) * outputs / whole
         # the last round may leave threads idle
-        work = (FIXED * lanes + steered + GRADIENT * read + FRESH * buffers) * (-(-count // threads) * threads / count)
+        work = (FIXED * lanes + steered + (GRADIENT + FOLLOWED * chosen.follow) * read + FRESH * buffers) * (
+            -(-count // threads) * threads / count
+        )
         if best is None or work < best[0]:
             best = (work, tile)
     if best is None:

@@ -10,12 +10,12 @@ from typing import Any
 import h5py
 import numpy as np
 
-from ppmc.errors import InputFileError
-from ppmc.files.digests import DIGESTS, MANIFEST, manifest
+from ppmc.files.digests import DIGESTS
 from ppmc.files.fields import FIELDS, MADE_BY, UNITS
 from ppmc.files.frame_files import HEADER, FrameFolder, frame_name
 from ppmc.files.guard import (
     block_check,
+    check_unchanged,
     check_values,
     compare_block,
     compare_whole,
@@ -25,7 +25,7 @@ from ppmc.files.guard import (
     read_whole,
 )
 from ppmc.files.provenance import Provenance
-from ppmc.files.text import attribute, read_json
+from ppmc.files.text import attribute, numbers, read_json
 from ppmc.files.verdict import KEY, read_verdict
 
 SUMMARY_VALUES = 2_000_000
@@ -103,12 +103,10 @@ def _shape(file: h5py.File, path: Path, product: str) -> list[str]:
     """Return how many voxels, particles or regions, where, and at what times."""
     root = group_of(file, "VTKHDF", path)
     if product in ("volume", "orientations"):
-        x0, x1, y0, y1, z0, z1 = (int(v) for v in root.attrs["WholeExtent"])
+        x0, x1, y0, y1, z0, z1 = (int(v) for v in numbers(root, "WholeExtent", 6))
         counts = np.array([x1 - x0 + 1, y1 - y0 + 1, z1 - z0 + 1])
-        spacing, origin = np.asarray(root.attrs["Spacing"]), np.asarray(root.attrs["Origin"])
-        turned = (
-            "" if np.allclose(np.asarray(root.attrs["Direction"]), np.eye(3).ravel()) else ", axes turned (Direction)"
-        )
+        spacing, origin = numbers(root, "Spacing", 3), numbers(root, "Origin", 3)
+        turned = "" if np.allclose(numbers(root, "Direction", 9), np.eye(3).ravel()) else ", axes turned (Direction)"
         return [
             f"{counts[0]} x {counts[1]} x {counts[2]} voxels (x, y, z) of {' x '.join(f'{s:g}' for s in spacing)} mm",
             f"first voxel's centre at ({', '.join(f'{v:g}' for v in origin)}) mm{turned}",
@@ -118,7 +116,7 @@ def _shape(file: h5py.File, path: Path, product: str) -> list[str]:
     what = "regions" if product == "analysis" else "particles"
     lines = [f"{n:,} {what}"]
     if "Steps" in root:
-        frames = int(root["Steps"].attrs["NSteps"])
+        frames = int(numbers(root["Steps"], "NSteps", 1)[0])
         times = dataset_of(file, "VTKHDF/Steps/Values", path)[:frames]
         lines.append(f"{frames} frames from {times[0]:g} s to {times[-1]:g} s" if frames else "no frame yet")
         spans = [("start", points[:n]), ("end", points[(frames - 1) * n : frames * n])] if frames else []
@@ -228,9 +226,7 @@ def verify_file(path: Path) -> list[str]:
                     compare_whole(dataset, values, path)
             if noted or spec is not None:
                 lines.append(f"{dataset.name}: {'values and digest' if noted else 'values'} verified")
-        written = attribute(file["ppmc"], MANIFEST)
-        if written and written != manifest(file):
-            raise InputFileError(f"{path}: names or attributes were changed after the file was written")
+        check_unchanged(file, path)
     return lines
 
 

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from ppmc.errors import InputFileError, StorageError
 from ppmc.files.fields import FIELDS
 from ppmc.files.fields import field as spec_of
-from ppmc.files.guard import check_layout, check_values, dataset_of, group_of, open_guarded, read_whole
+from ppmc.files.guard import check_layout, check_unchanged, check_values, dataset_of, group_of, open_guarded, read_whole
 from ppmc.files.particles import POSITION
 from ppmc.files.provenance import Provenance
-from ppmc.files.text import attribute, read_json
+from ppmc.files.text import attribute, numbers, read_json
 
 HEADER = "header.vtkhdf"
 OWN_FILE = re.compile(r"header\.vtkhdf|frame_\d{6,}\.vtkhdf|.*\.vtkhdf\.series|\..*\.tmp")
@@ -120,6 +120,7 @@ class FrameFolder:
             known = {f.name for f in FIELDS[product] if not f.static}
             if not isinstance(growing, dict) or not set(growing.get("fields", ())) <= known:
                 raise InputFileError(f"{path / HEADER}: does not say what grows here")
+            check_unchanged(file, path / HEADER)
             return cls(path, product, n, growing, Provenance.load(file))
 
     @staticmethod
@@ -172,12 +173,12 @@ class FrameFolder:
         path = self.path / frame_name(k)
         with open_guarded(path, "frame") as file:
             own = group_of(file, "ppmc", path)
-            if attribute(own, "run") != self.run or int(own.attrs.get("frame", -1)) != k:
+            if attribute(own, "run") != self.run or int(numbers(own, "frame", 1)[0]) != k:
                 raise InputFileError(f"{path}: belongs to another run than {HEADER}; start anew with --restart")
-            scalars = np.atleast_1d(np.asarray(own.attrs.get("scalars", ()), np.float64))
-            if scalars.shape != (len(self.scalars),) or "time" not in own.attrs:
-                raise InputFileError(f"{path}: lacks its time or its numbers")
-            yield FrameFile(path, self.product, self.n, float(own.attrs["time"]), scalars, file)
+            scalars = numbers(own, "scalars", len(self.scalars)) if self.scalars else np.empty(0)
+            time = float(numbers(own, "time", 1)[0])
+            check_unchanged(file, path)
+            yield FrameFile(path, self.product, self.n, time, scalars, file)
 
     def time_of(self, k: int) -> float:
         """Return the time, s, of a frame."""

@@ -25,7 +25,7 @@ from ppmc.files import vtkhdf
 from ppmc.files.digests import LENGTH, digest, put_block_digests, put_digest
 from ppmc.files.fields import FIELDS, SCHEMA_VERSION
 from ppmc.files.fields import field as spec_of
-from ppmc.files.frame_files import HEADER, FrameFolder, frame_name
+from ppmc.files.frame_files import HEADER, OWN_FILE, FrameFolder, frame_name
 from ppmc.files.hdf5_output import new_hdf5
 from ppmc.files.particles import POSITION
 from ppmc.files.provenance import Provenance
@@ -281,13 +281,27 @@ class SeriesWriter:
         steps["PointOffsets"] = begins
         for name in ("CellOffsets", "ConnectivityIdOffsets"):
             steps[name] = np.zeros((count, 4), np.int64)
+        # Viewers that open one frame only, as pyvista.read does with the first, have the times of all beside it.
+        # Groups are made by name: those that HDF5 makes on the way to a dataset carry the time of day.
+        times = root.create_group("FieldData").create_dataset("frame_times", data=steps["Values"][:])
+        put_attribute(times, "unit", "s")
+        steps.create_group("FieldDataOffsets")["frame_times"] = np.zeros(count, np.int64)
+        sizes = np.tile(np.array([1, count], np.int64), (count, 1))
+        steps.create_group("FieldDataSizes")["frame_times"] = sizes
         offsets = steps.create_group("PointDataOffsets")
         for name in root["PointData"]:
             offsets[name] = begins if name in self.names else np.zeros(count, np.int64)
 
     def remove(self) -> None:
-        """Remove the folder, at one stroke for all who look: the product is complete, or nobody wants it."""
-        aside = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")
-        with suppress(OSError):
-            self.path.rename(aside)
-            shutil.rmtree(aside)
+        """Remove the folder: the product is complete, or nobody wants it."""
+        remove_growing(self.path)
+
+
+def remove_growing(folder: Path) -> None:
+    """Remove the folder of a growing product, at one stroke for all who look; one that holds anything else stays."""
+    if not folder.is_dir() or any(not OWN_FILE.fullmatch(path.name) for path in folder.iterdir()):
+        return
+    aside = folder.with_name(f".{folder.name}.{os.getpid()}.tmp")
+    with suppress(OSError):
+        folder.rename(aside)
+        shutil.rmtree(aside)

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.errors import InputFileError
-from ppmc.files.digests import DIGESTS, LENGTH, BlockCheck, digest
+from ppmc.files.digests import DIGESTS, LENGTH, MANIFEST, BlockCheck, digest, manifest
 from ppmc.files.fields import FIELDS, MADE_BY, SCHEMA_VERSION, Field
-from ppmc.files.text import attribute
+from ppmc.files.text import attribute, numbers
 
 UNIT_TOLERANCE = 1e-3
 ORTHOGONAL_TOLERANCE = 5e-3
@@ -38,7 +38,7 @@ UNLIKE = "does not match its digest; the file was changed or damaged after it wa
 
 @contextmanager
 def open_guarded(path: Path, product: str | None) -> Iterator[h5py.File]:
-    """Open a ppmc file for reading.
+    """Open a ppmc file for reading; what it says about itself is made sure of by `check_unchanged`.
 
     Parameters
     ----------
@@ -53,6 +53,33 @@ def open_guarded(path: Path, product: str | None) -> Iterator[h5py.File]:
         If the file is missing, no HDF5, truncated, another product or of a newer schema.
     """
     path = Path(path)
+    with _opened(path, product) as file:
+        for name in OWN_GROUPS if "ppmc" in file else ():
+            if name in file:
+                _check_tree(file, name, path)
+        yield file
+
+
+def check_unchanged(file: h5py.File, path: Path) -> None:
+    """Refuse a file whose names, types, shapes, attributes or digests are not those that were written.
+
+    Asked last, when nothing more telling has been found: a field under another's name has a digest that fits.
+
+    Raises
+    ------
+    InputFileError
+        If something differs.
+    """
+    written = attribute(file["ppmc"], MANIFEST) if "ppmc" in file else ""
+    if written and written != manifest(file):
+        raise InputFileError(
+            f"{path}: names, shapes or attributes were changed after the file was written; make it anew"
+        )
+
+
+@contextmanager
+def _opened(path: Path, product: str | None) -> Iterator[h5py.File]:
+    """Open a file of a product, and say in one message what HDF5 finds wrong with it from then on."""
     if not path.exists():
         hint = f"; make it with '{MADE_BY[product]}'" if product in MADE_BY else ""
         growing = path.with_name(f"{path.stem}.partial")
@@ -69,9 +96,6 @@ def open_guarded(path: Path, product: str | None) -> Iterator[h5py.File]:
     with file:
         try:
             _check_schema(file, path, product)
-            for name in OWN_GROUPS if "ppmc" in file else ():
-                if name in file:
-                    _check_tree(file, name, path)
             yield file
         except (OSError, RuntimeError, KeyError, UnicodeDecodeError, json.JSONDecodeError) as error:
             # HDF5 reports damage inside a file only when the damaged part is read; h5py turns some of these reports
@@ -105,16 +129,16 @@ def _check_tree(file: h5py.File, name: str, path: Path) -> None:
 
 
 def product_of(path: Path) -> str:
-    """Return the product that a ppmc file holds, such as ``"flow"``.
+    """Return the product that a ppmc file says it holds, such as ``"flow"``, sound or not.
 
     Raises
     ------
     InputFileError
-        If the file is missing, damaged or not of ppmc.
+        If the file is missing, cannot be opened or is not of ppmc.
     """
     path = Path(path)
     growing = path / "header.vtkhdf"  # a folder in which a product grows
-    with open_guarded(growing if growing.is_file() else path, None) as file:
+    with _opened(growing if growing.is_file() else path, None) as file:
         return attribute(file["ppmc"], "schema", "unknown")
 
 
@@ -130,7 +154,7 @@ def _check_schema(file: h5py.File, path: Path, product: str | None) -> None:
         raise InputFileError(
             f"{path}: holds '{schema}', but '{product}' is needed here; make one with '{MADE_BY.get(product, product)}'"
         )
-    version = tuple(int(v) for v in np.atleast_1d(group.attrs.get("schema_version", (0,))))
+    version = tuple(numbers(group, "schema_version").tolist())
     if version[0] != SCHEMA_VERSION[0]:
         raise InputFileError(
             f"{path}: /ppmc.schema_version is {version}, this ppmc reads {SCHEMA_VERSION}; install a matching ppmc"
@@ -234,7 +258,7 @@ def block_check(file: h5py.File, name: str, path: Path) -> BlockCheck:
         return BlockCheck(data, None, data.shape)
     where = f"{DIGESTS}/{name}"
     found = read_whole(file, where, path)
-    block = tuple(int(b) for b in np.atleast_1d(file[where].attrs.get("block", ())))
+    block = tuple(int(b) for b in numbers(file[where], "block"))
     fits = len(block) == data.ndim and min(block, default=0) > 0 and found.dtype == np.uint8
     if not fits or found.shape != (*(-(-n // b) for n, b in zip(data.shape, block, strict=True)), LENGTH):
         raise InputFileError(f"{path}: /{where} does not fit {data.name}; {UNLIKE}")

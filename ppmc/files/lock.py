@@ -18,6 +18,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -152,6 +153,7 @@ class _Held:
 
 _HELD: dict[Path, _Held] = {}
 os.register_at_fork(after_in_child=_HELD.clear)  # locks stay with the parent
+_OURS: ContextVar[frozenset[Path]] = ContextVar("ours", default=frozenset())  # held by who calls, not by other threads
 
 
 def _myself() -> dict[str, Any]:
@@ -191,7 +193,7 @@ def confirm_locks() -> None:
 
 @contextmanager
 def locked(claims: Sequence[Claim]) -> Iterator[None]:
-    """Hold locks for the length of a block.
+    """Hold locks for the length of a block; those that the caller holds already stay as they are.
 
     Raises
     ------
@@ -199,24 +201,42 @@ def locked(claims: Sequence[Claim]) -> Iterator[None]:
         If another process has one of them; it is named, with host, process and since when.
     """
     with ExitStack() as stack:
-        for claim in {claim.lock: claim for claim in claims}.values():
+        ours = _OURS.get() & _HELD.keys()
+        wanted = {claim.lock: claim for claim in claims}
+        for lock, claim in wanted.items():
+            if lock in ours and (claim.shared or not _HELD[lock].claim.shared):
+                continue
             held = _Held(claim)
             held.take()
             stack.callback(held.release)
             if not claim.shared:
-                _remove_leftovers(claim.path.resolve())
+                remove_leftovers(claim.path.resolve().parent, claim.path.resolve().name)
+        token = _OURS.set(ours | wanted.keys())
+        stack.callback(_OURS.reset, token)
         yield
 
 
-def _remove_leftovers(path: Path) -> None:
-    """Remove what killed writers of an output have left: nobody else writes it now."""
-    stem = _escaped(path.stem)
-    for name in (_escaped(path.name), f"{stem}.partial", f"{stem}.checkpoint-?.h5ckpt"):
-        for left in path.parent.glob(f".{name}.*.tmp"):
-            if left.is_dir():
-                shutil.rmtree(left, ignore_errors=True)
-            with suppress(OSError):
-                left.unlink()
+def remove_leftovers(folder: Path, name: str = "*") -> None:
+    """Remove what killed writers of a locked output have left: nobody else writes it now.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the output is.
+    name : str
+        Its name; of folders that a stage has for itself, any.
+    """
+    if name == "*":
+        patterns: tuple[str, ...] = (".*.tmp",)
+    else:
+        stem = _escaped(Path(name).stem)
+        beside = ("partial", "checkpoint-?.h5ckpt", "crash.h5ckpt", "steps.csv")
+        patterns = tuple(f".{each}.*.tmp" for each in (_escaped(name), *(f"{stem}.{end}" for end in beside)))
+    for left in (found for pattern in patterns for found in folder.glob(pattern)):
+        if left.is_dir():
+            shutil.rmtree(left, ignore_errors=True)
+        with suppress(OSError):
+            left.unlink()
 
 
 def _escaped(name: str) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,13 +14,14 @@ from numpy.typing import NDArray
 
 from ppmc.errors import InputFileError
 from ppmc.files import vtkhdf
-from ppmc.files.digests import put_digest
+from ppmc.files.digests import digest, put_digest
 from ppmc.files.fields import FIELDS, Field
 from ppmc.files.fields import field as spec_of
 from ppmc.files.guard import (
     check_layout,
     check_not_parallel,
     check_orthogonal,
+    check_unchanged,
     check_values,
     compare_whole,
     dataset_of,
@@ -52,6 +55,11 @@ class ParticleFile:
     fields: dict[str, NDArray[Any]]
     extra: dict[str, Any] = field(default_factory=dict)
     provenance: Provenance = field(default_factory=lambda: Provenance("unknown"))
+
+    def digest(self) -> str:
+        """Return a digest of positions, fields and facts, for those that no file holds."""
+        parts = [digest(self.positions), *(f"{name} {digest(self.fields[name])}" for name in sorted(self.fields))]
+        return hashlib.sha256("\n".join([*parts, json.dumps(self.extra, sort_keys=True)]).encode()).hexdigest()
 
 
 def write_particles(
@@ -150,5 +158,6 @@ def read_particles(path: Path, product: str) -> ParticleFile:
         if product == "charge":
             names = ("/VTKHDF/PointData/in_plane_direction", "fibre_direction")
             check_not_parallel(fields["in_plane_direction"], fields["fibre_direction"], names, path)
+        check_unchanged(file, path)
         extra = read_json(file["ppmc"], "extra") if "ppmc" in file else {}
         return ParticleFile(positions, fields, extra, Provenance.load(file))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import h5py
 
 from ppmc import __version__
+from ppmc.errors import InputFileError
 from ppmc.files.fields import AXES, MADE_BY, SCHEMA_VERSION, UNITS
 from ppmc.files.references import referenced_files
 from ppmc.files.text import attribute, put_attribute, put_json, read_json
@@ -103,6 +105,7 @@ class Provenance:
         sections: Iterable[str] = (),
         inputs: Iterable[Path | None] = (),
         seed: int | None = None,
+        made_here: Mapping[str, str] | None = None,
     ) -> Provenance:
         """Gather the origin of a file about to be written.
 
@@ -118,9 +121,11 @@ class Provenance:
             Files read; None entries are passed over.
         seed : int, optional
             Seed, for stages that draw random numbers.
+        made_here : mapping of str to str, optional
+            Digests by name of inputs that no file holds.
         """
         resolved = scene.resolved() if scene is not None else {}
-        digests = _digests([Path(p) for p in inputs if p is not None])
+        digests = _digests([Path(p) for p in inputs if p is not None]) | dict(made_here or {})
         decides = {
             "creator": creator,
             "version": __version__,
@@ -132,9 +137,9 @@ class Provenance:
         return cls(creator, resolved, digests, seed, key, __version__, _packages())
 
     @classmethod
-    def of(cls, scene: Scene, depends: Depends) -> Provenance:
-        """Gather the origin of a file from what the scene says it depends on."""
-        return cls.collect(depends.creator, scene, depends.sections, depends.inputs, depends.seed)
+    def of(cls, scene: Scene, depends: Depends, made_here: Mapping[str, str] | None = None) -> Provenance:
+        """Gather the origin of a file from what the scene says it depends on; `made_here` as in `collect`."""
+        return cls.collect(depends.creator, scene, depends.sections, depends.inputs, depends.seed, made_here)
 
     def store(self, file: h5py.File, product: str) -> None:
         """Write the origin and the contract's name and version into the group ``/ppmc``."""
@@ -161,6 +166,8 @@ class Provenance:
         group = file["ppmc"]
 
         seed = attribute(group, "seed", "none")
+        if seed != "none" and not re.fullmatch(r"-?\d{1,40}", seed):
+            raise InputFileError(f"{file.filename}: /ppmc@seed is '{seed[:40]}', must be a number or 'none'")
         return cls(
             creator=attribute(group, "creator", "unknown"),
             scene=read_json(group, "scene"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from ppmc.files.guard import (
     BlockCheck,
     block_check,
     check_layout,
+    check_unchanged,
     check_values,
     compare_block,
     dataset_of,
@@ -29,9 +30,10 @@ from ppmc.files.guard import (
 )
 from ppmc.files.particles import POSITION
 from ppmc.files.provenance import Provenance
-from ppmc.files.text import read_json
+from ppmc.files.text import numbers, read_json
 
-Read = Callable[[int, str], NDArray[Any]]
+# Returns the named arrays of a frame, positions as "Points".
+Read = Callable[[int, tuple[str, ...]], list[NDArray[Any]]]
 
 
 @dataclass
@@ -88,11 +90,11 @@ class SeriesFile:
         frames = len(self.times)
         if not -frames <= k < frames:
             raise InputFileError(f"{self.path}: has {frames} frames, frame {k} was asked for")
-        k %= frames
-        out = {"position": self._read(k, "Points")}
-        for name in self.names if names is None else names:
-            out[name] = self.static[name] if name in self.static else self._read(k, name)
-        return out
+        asked = tuple(self.names if names is None else names)
+        moving = tuple(name for name in asked if name not in self.static)
+        position, *values = self._read(k % frames, ("Points", *moving))
+        found = {**self.static, **dict(zip(moving, values, strict=True))}
+        return {"position": position, **{name: found[name] for name in asked}}
 
 
 @contextmanager
@@ -112,6 +114,36 @@ def open_series(path: Path, product: str) -> Iterator[SeriesFile]:
         yield _sealed(stack.enter_context(open_guarded(path, product)), path, product)
 
 
+def load_series(path: Path, product: str) -> SeriesFile:
+    """Return a flow history or an analysis that stays of use: each frame opens the file for itself.
+
+    Raises
+    ------
+    InputFileError
+        As `open_series`; and on taking a frame, if the file is no longer the one that was read.
+    """
+    path = Path(path)
+    with open_series(path, product) as series:
+        if path.is_dir():
+            return series
+        first = _mark(path)
+
+        def read(k: int, names: tuple[str, ...]) -> list[NDArray[Any]]:
+            if not path.is_file() or _mark(path) != first:
+                raise InputFileError(f"{path}: is not the file any more that was read; read it again")
+            with open_guarded(path, product) as file:
+                checks: dict[str, BlockCheck] = {}
+                return [_rows(file, k, name, series, checks) for name in names]
+
+        return replace(series, _read=read)
+
+
+def _mark(path: Path) -> tuple[int, int, int]:
+    """Return what changes when another file takes a name."""
+    found = path.stat()
+    return found.st_ino, found.st_size, found.st_mtime_ns
+
+
 def _growing(path: Path, product: str) -> SeriesFile:
     """Return the frames that are there so far."""
     folder = FrameFolder.open(path)
@@ -125,9 +157,9 @@ def _growing(path: Path, product: str) -> SeriesFile:
     if not times:
         raise InputFileError(f"{path}: holds no frame yet")
 
-    def read(k: int, name: str) -> NDArray[Any]:
+    def read(k: int, names: tuple[str, ...]) -> list[NDArray[Any]]:
         with folder.frame(k) as frame:
-            return frame.read(name)
+            return [frame.read(name) for name in names]
 
     return SeriesFile(
         path=path,
@@ -149,7 +181,7 @@ def _sealed(file: h5py.File, path: Path, product: str) -> SeriesFile:
     """Return a complete product."""
     steps = group_of(file, "VTKHDF/Steps", path)
     n = int(read_whole(file, "VTKHDF/NumberOfPoints", path)[0])
-    frames = int(steps.attrs.get("NSteps", 0))
+    frames = int(numbers(steps, "NSteps", 1)[0])
     if frames < 1:
         raise InputFileError(f"{path}: holds no frame yet")
     times = read_whole(file, "VTKHDF/Steps/Values", path)[:frames].astype(np.float64)
@@ -175,22 +207,9 @@ def _sealed(file: h5py.File, path: Path, product: str) -> SeriesFile:
                 raise InputFileError(f"{path}: {dataset.name} has {dataset.shape[0]} rows, needs {frames * n}")
             names.append(spec.name)
     checks: dict[str, BlockCheck] = {}
-
-    def read(k: int, name: str) -> NDArray[Any]:
-        where = "VTKHDF/Points" if name == "Points" else f"VTKHDF/PointData/{name}"
-        dataset, rows = dataset_of(file, where, path), slice(k * n, (k + 1) * n)
-        values: NDArray[Any] = dataset[rows]
-        if name != "Points" or product == "flow":
-            check_values(
-                values, POSITION if name == "Points" else spec_of(product, name), f"{dataset.name} (frame {k})", path
-            )
-        if name not in checks:
-            checks[name] = block_check(file, where, path)
-        compare_block(checks[name], (rows,), path)
-        return values
-
+    check_unchanged(file, path)
     own = file.get("ppmc", {})
-    return SeriesFile(
+    series = SeriesFile(
         path=path,
         product=product,
         n=n,
@@ -202,5 +221,21 @@ def _sealed(file: h5py.File, path: Path, product: str) -> SeriesFile:
         extra=read_json(own, "extra") if own else {},
         complete="history" in own,
         provenance=Provenance.load(file),
-        _read=read,
+        _read=lambda k, names: [_rows(file, k, name, series, checks) for name in names],
     )
+    return series
+
+
+def _rows(file: h5py.File, k: int, name: str, series: SeriesFile, checks: dict[str, BlockCheck]) -> NDArray[Any]:
+    """Return an array of a frame of a complete product, verified; `checks` keeps digests from frame to frame."""
+    path, product, n = series.path, series.product, series.n
+    where = "VTKHDF/Points" if name == "Points" else f"VTKHDF/PointData/{name}"
+    dataset, rows = dataset_of(file, where, path), slice(k * n, (k + 1) * n)
+    values: NDArray[Any] = dataset[rows]
+    if name != "Points" or product == "flow":
+        spec = POSITION if name == "Points" else spec_of(product, name)
+        check_values(values, spec, f"{dataset.name} (frame {k})", path)
+    if name not in checks:
+        checks[name] = block_check(file, where, path)
+    compare_block(checks[name], (rows,), path)
+    return values

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.files.digests import put_digest
-from ppmc.files.guard import group_of, open_guarded, read_whole
+from ppmc.files.guard import check_unchanged, group_of, open_guarded, read_whole
 from ppmc.files.hdf5_output import new_hdf5
 from ppmc.files.provenance import Provenance
 from ppmc.files.text import put_json, read_json
@@ -48,5 +48,6 @@ def read_state(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any], Pro
         arrays = {}
         for name in group_of(file, "state", path):
             arrays[name] = read_whole(file, f"state/{name}", path)
+        check_unchanged(file, path)
         attributes = read_json(file, "attributes")
         return arrays, attributes, Provenance.load(file)

@@ -63,7 +63,7 @@ def check_output(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         # os.access says yes to root even on a read-only mount, so try it.
-        probe = folder / f".{path.name}.{os.getpid()}.probe"
+        probe = folder / f".{path.name}.{os.getpid()}.tmp"
         probe.touch()
         probe.unlink()
         free = shutil.disk_usage(folder).free

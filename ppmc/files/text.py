@@ -12,8 +12,11 @@ from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from ppmc.errors import InputFileError
+
+MOST_BYTES = 2**16  # of an attribute; HDF5 keeps no more without being asked to
 
 
 def put_attribute(target: Any, name: str, text: str) -> None:
@@ -43,6 +46,35 @@ def attribute(source: Any, name: str, default: str = "") -> str:
     return bytes(source.attrs[name]).decode()
 
 
+def numbers(source: Any, name: str, count: int | None = None) -> NDArray[Any]:
+    """Return a numeric attribute, shape (count,).
+
+    Parameters
+    ----------
+    source : h5py.Group or h5py.Dataset
+        Whose attribute it is.
+    name : str
+        Its name.
+    count : int, optional
+        How many numbers there must be; any by default.
+
+    Raises
+    ------
+    InputFileError
+        If it is missing, holds no numbers, or not as many.
+    """
+    where = f"{source.file.filename}: {source.name}@{name}"
+    if name not in source.attrs:
+        raise InputFileError(f"{where} is missing")
+    kind = source.attrs.get_id(name)
+    if kind.dtype.kind not in "iuf" or kind.get_storage_size() > MOST_BYTES:
+        raise InputFileError(f"{where} must be numbers, it is {kind.dtype} of shape {kind.shape}")
+    found = np.atleast_1d(source.attrs[name]).ravel() if kind.shape is not None else np.empty(0)
+    if not len(found) or (count is not None and len(found) != count):
+        raise InputFileError(f"{where} must be {count or 'some'} numbers, it is {len(found)}")
+    return found
+
+
 def put_json(group: h5py.Group, name: str, value: Any) -> None:
     """Write anything that JSON can hold as a dataset."""
     raw = json.dumps(value, sort_keys=True).encode()
@@ -68,4 +100,7 @@ def read_json(group: h5py.Group, name: str) -> Any:
     noted = attribute(data, "sha256")
     if noted and noted != hashlib.sha256(np.asarray(raw).tobytes()).hexdigest():
         raise InputFileError(f"{group.file.filename}: {data.name} does not match its digest; the file is damaged")
-    return json.loads(bytes(raw).decode())
+    found = json.loads(bytes(raw).decode())
+    if not isinstance(found, dict):
+        raise InputFileError(f"{group.file.filename}: {data.name} must be a JSON object, it is {type(found).__name__}")
+    return found

@@ -23,6 +23,7 @@ from ppmc.files.guard import (
     block_check,
     check_layout,
     check_orthogonal,
+    check_unchanged,
     check_values,
     compare_block,
     dataset_of,
@@ -31,7 +32,7 @@ from ppmc.files.guard import (
 )
 from ppmc.files.hdf5_output import new_hdf5
 from ppmc.files.provenance import Provenance
-from ppmc.files.text import attribute
+from ppmc.files.text import attribute, numbers
 
 CHUNK = (32, 64, 64)
 VERIFIED_WHOLE = 2**24  # voxels; larger files are verified where they are read, and whole by `ppmc check`
@@ -171,7 +172,7 @@ class VoxelFile:
     grid: VoxelGrid
     names: tuple[str, ...]
     provenance: Provenance
-    _file: h5py.File
+    _file: h5py.File | None
     _checks: dict[str, BlockCheck] = dataclass_field(default_factory=dict)
 
     def read(self, name: str, index: Index = ALL) -> NDArray[Any]:
@@ -219,7 +220,7 @@ class VoxelFile:
         return np.asarray(values)
 
     def verify(self) -> None:
-        """Read all fields slab by slab, and verify every value.
+        """Read all fields slab by slab, and verify every value, and that p and r are orthogonal.
 
         Raises
         ------
@@ -228,8 +229,11 @@ class VoxelFile:
         """
         planes = max(1, SLAB * self.grid.shape[0] // self.grid.count)
         for z in range(0, self.grid.shape[0], planes):
+            slab = (slice(z, z + planes), slice(None), slice(None))
             for name in self.names:
-                self.read(name, (slice(z, z + planes), slice(None), slice(None)))
+                self.read(name, slab)
+            if self.product == "orientations":
+                self.read_frames(slab)
 
     def read_frames(self, index: Index = ALL) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return fibre directions and platelet normals, shape (..., 3), verified to be orthogonal."""
@@ -239,8 +243,44 @@ class VoxelFile:
         return p, r
 
 
+class MemoryVoxels(VoxelFile):
+    """A voxel product in memory, which reads like its file.
+
+    Parameters
+    ----------
+    product : str
+        ``"volume"`` or ``"orientations"``.
+    fields : mapping of str to ndarray, shape (nz, ny, nx[, components])
+        The fields of the product's contract.
+    grid : VoxelGrid
+        Where the voxels stand.
+    provenance : Provenance
+        Origin of the product.
+    """
+
+    def __init__(
+        self, product: str, fields: Mapping[str, NDArray[Any]], *, grid: VoxelGrid, provenance: Provenance
+    ) -> None:
+        names = tuple(spec.name for spec in FIELDS[product] if spec.name in fields)
+        super().__init__(Path(f"{product} in memory"), product, grid, names, provenance, None)
+        self.fields = dict(fields)
+
+    def read(self, name: str, index: Index = ALL) -> NDArray[Any]:
+        """Return a field, or the part of it that `index` cuts out; a copy, as from a file."""
+        return np.array(self.fields[self._known(name)][index])
+
+    def read_points(self, name: str, index: Index, points: NDArray[np.integer[Any]]) -> NDArray[Any]:
+        """Return a field at some voxels of a part, see `VoxelFile.read_points`."""
+        return np.asarray(self.fields[self._known(name)][index][tuple(np.asarray(points).T)])
+
+    def _known(self, name: str) -> str:
+        if name not in self.fields:
+            raise InputFileError(f"{self.path}: has no field '{name}'; it has {', '.join(self.names)}")
+        return name
+
+
 @contextmanager
-def read_voxels(path: Path, product: str) -> Iterator[VoxelFile]:
+def read_voxels(path: Path, product: str, *, verify: bool = True) -> Iterator[VoxelFile]:
     """Open a voxel product.
 
     Parameters
@@ -249,6 +289,8 @@ def read_voxels(path: Path, product: str) -> Iterator[VoxelFile]:
         The file.
     product : str
         ``"volume"`` or ``"orientations"``.
+    verify : bool
+        Verify all of a file of up to 2^24 voxels at once; without it each part when it is read.
 
     Yields
     ------
@@ -271,9 +313,11 @@ def read_voxels(path: Path, product: str) -> Iterator[VoxelFile]:
             elif spec.required:
                 raise InputFileError(f"{path}: /VTKHDF/PointData/{name} is missing ({spec.doc})")
         names = tuple(name for name in known if name in data)
-        opened = VoxelFile(path, product, grid, names, Provenance.load(file), file)
-        if grid.count <= VERIFIED_WHOLE:
+        opened = VoxelFile(path, product, grid, names, Provenance("unknown"), file)
+        if verify and grid.count <= VERIFIED_WHOLE:
             opened.verify()
+        check_unchanged(file, path)
+        opened.provenance = Provenance.load(file)
         yield opened
 
 
@@ -283,10 +327,10 @@ def _grid_of(root: h5py.Group, path: Path) -> VoxelGrid:
         kind = attribute(root, "Type")
         if kind != "ImageData":
             raise InputFileError(f"{path}: /VTKHDF@Type is '{kind}', must be 'ImageData'")
-        x0, x1, y0, y1, z0, z1 = (int(v) for v in root.attrs["WholeExtent"])
-        spacing = tuple(float(v) for v in root.attrs["Spacing"])
-        origin = tuple(float(v) for v in root.attrs["Origin"])
-        direction = np.asarray(root.attrs.get("Direction", np.eye(3).ravel()), dtype=np.float64).reshape(3, 3)
+        x0, x1, y0, y1, z0, z1 = (int(v) for v in numbers(root, "WholeExtent", 6))
+        spacing = tuple(float(v) for v in numbers(root, "Spacing", 3))
+        origin = tuple(float(v) for v in numbers(root, "Origin", 3))
+        direction = numbers(root, "Direction", 9).reshape(3, 3) if "Direction" in root.attrs else np.eye(3)
         return VoxelGrid((z1 - z0 + 1, y1 - y0 + 1, x1 - x0 + 1), spacing, origin, tuple(map(tuple, direction)))  # type: ignore[arg-type]
     except (KeyError, TypeError, ValueError) as error:
         raise InputFileError(f"{path}: /VTKHDF does not describe a voxel grid: {error}") from None

@@ -62,8 +62,8 @@ def of_charge(scene: Scene, orientations: Path | None, volume: Path | None) -> D
     return Depends("ppmc.charge", sections, _each_once([*files, *named, *scene.named_files(*sections[1:])]), scene.seed)
 
 
-def of_flow(scene: Scene, charge: Path) -> Depends:
-    """Return what a flow depends on."""
+def of_flow(scene: Scene, charge: Path | None) -> Depends:
+    """Return what a flow depends on; a charge without a file is known by its digest."""
     return Depends("ppmc.solver", FLOW_SECTIONS, _each_once([charge, *scene.named_files(*FLOW_SECTIONS)]))
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import difflib
 import types
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
@@ -23,6 +24,7 @@ TAGS = ("shape", "source", "model", "kind")
 """Keys that say which of several sections is meant."""
 
 Location = tuple[int | str, ...]
+S = TypeVar("S", bound=BaseModel)
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -74,13 +76,53 @@ def parse_scene(text: str, path: Path = Path("scene.yaml")) -> Scene:
     try:
         scene = Scene.model_validate(data)
     except ValidationError as error:
-        # A value that stands for three axes is refused three times in the same words.
-        shown = _explain_all(error, data, lines, path)
-        if len(shown) > MOST_ERRORS_SHOWN:
-            shown[MOST_ERRORS_SHOWN:] = [f"... and {len(shown) - MOST_ERRORS_SHOWN} more problems"]
-        raise SceneError("\n".join(shown)) from None
+        raise _refusal(error, _Text(Scene, data, lines, str(path))) from None
     scene._directory = path.parent
     return scene
+
+
+def make_section(model: type[S], name: str, values: Mapping[str, Any]) -> S:
+    """Validate a section that comes from Python, with the messages of a scene file.
+
+    Parameters
+    ----------
+    model : type
+        Class of the section.
+    name : str
+        Stands in messages where a file would.
+    values : mapping of str to object
+        Its keys; quantities as numbers in mm, s, g, Pa, as text, or of pint; arrays of NumPy; sections.
+
+    Raises
+    ------
+    SceneError
+        Every problem with `name`, the key and the value.
+    """
+    data = {key: _plain(value) for key, value in values.items()}
+    lines = dict.fromkeys(_keys_in(data, ()), 0)
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise _refusal(error, _Text(model, data, lines, name)) from None
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as YAML would give it: no arrays, no quantities that hold several numbers."""
+    if isinstance(value, Mapping):
+        return {key: _plain(inner) for key, inner in value.items()}
+    shape = getattr(value, "shape", None)
+    if isinstance(value, list | tuple) or (isinstance(shape, tuple) and shape):
+        return [_plain(inner) for inner in value]
+    # Numbers of NumPy; a quantity of pint has a magnitude.
+    return value.item() if hasattr(value, "item") and not hasattr(value, "magnitude") else value
+
+
+def _keys_in(value: Any, here: Location) -> Iterator[Location]:
+    """Yield the place of every key and list item."""
+    yield here
+    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, below in inner:
+        yield from _keys_in(below, (*here, key))
 
 
 def scene_json_schema() -> dict[str, Any]:
@@ -149,19 +191,57 @@ def _note_lines(node: Any, here: Location, lines: dict[Location, int], path: Pat
             _note_lines(value, (*here, i), lines, path)
 
 
-def _explain_all(error: ValidationError, data: Any, lines: dict[Location, int], path: Path) -> list[str]:
+@dataclass(frozen=True)
+class _Text:
+    """What a validation error is about.
+
+    Attributes
+    ----------
+    model : type
+        Class that the whole is.
+    data : object
+        The values.
+    lines : dict
+        Line of every key and list item, 0 where there are no lines.
+    name : str
+        File, or what stands for one.
+    """
+
+    model: type[BaseModel]
+    data: Any
+    lines: dict[Location, int]
+    name: str
+
+    def at(self, key: Location) -> str:
+        """Return where a key stands, as messages begin."""
+        line = self.lines.get(key, self.lines.get((), 1))
+        return f"{self.name}:{line}:" if line else f"{self.name}:"
+
+
+def _refusal(error: ValidationError, text: _Text) -> SceneError:
+    """Return the error of values that are no section."""
+    # A value that stands for three axes is refused three times in the same words.
+    shown = _explain_all(error, text)
+    if len(shown) > MOST_ERRORS_SHOWN:
+        shown[MOST_ERRORS_SHOWN:] = [f"... and {len(shown) - MOST_ERRORS_SHOWN} more problems"]
+    return SceneError("\n".join(shown))
+
+
+def _explain_all(error: ValidationError, text: _Text) -> list[str]:
     """Return a line for each problem; a key that is missing because it is misspelt is one problem, not two."""
     found = error.errors(include_url=False)
     misspelt = {
-        (*e["loc"][:-1], near) for e in found if e["type"] == "extra_forbidden" and (near := _near_key(e["loc"])[0])
+        (*e["loc"][:-1], near)
+        for e in found
+        if e["type"] == "extra_forbidden" and (near := _near_key(e["loc"], text.model)[0])
     }
     kept = [e for e in found if not (e["type"] == "missing" and e["loc"] in misspelt)]
-    return list(dict.fromkeys(_explain(e, data, lines, path) for e in kept))
+    return list(dict.fromkeys(_explain(e, text) for e in kept))
 
 
-def _near_key(loc: Location) -> tuple[str | None, list[str]]:
+def _near_key(loc: Location, root: type[BaseModel]) -> tuple[str | None, list[str]]:
     """Return the known key that an unknown one is nearest to, if any, and all that are known there."""
-    known = sorted({f for m in _models_at(loc[:-1]) for f in m.model_fields})
+    known = sorted({f for m in _models_at(loc[:-1], root) for f in m.model_fields})
     near = difflib.get_close_matches(str(loc[-1]), known, n=1)
     return (near[0] if near else None), known
 
@@ -192,28 +272,28 @@ def _place(loc: Location, value: Any, data: Any, lines: dict[Location, int]) -> 
     return best[2]
 
 
-def _explain(error: Any, data: Any, lines: dict[Location, int], path: Path) -> str:
+def _explain(error: Any, text: _Text) -> str:
     """Return one line for one validation error."""
     loc, kind, value = error["loc"], error["type"], error.get("input")
-    key = _place(loc, value, data, lines)
-    line = lines.get(key, lines.get((), 1))
-    name = ".".join(str(k) for k in key)
+    key = _place(loc, value, text.data, text.lines)
+    at, name = text.at(key), ".".join(str(k) for k in key)
     if kind == "extra_forbidden":
-        near, known = _near_key(loc)
+        near, known = _near_key(loc, text.model)
         hint = f"; did you mean '{near}'?" if near else f"; known here: {', '.join(known)}" if known else ""
-        return f"{path}:{line}: {name}: unknown key{hint}"
+        return f"{at} {name}: unknown key{hint}"
     if kind == "missing":
         where = f"{name}." if name else ""
-        return f"{path}:{line}: {where}{loc[-1]}: this key is required"
+        return f"{at} {where}{loc[-1]}: this key is required"
     message = error["msg"].removeprefix("Value error, ")
     if (kind.startswith("union_tag") or kind == "tool_shape") and isinstance(value, dict):
         tag = next((t for t in TAGS if difflib.get_close_matches(t, map(str, set(value) - set(TAGS)), n=1)), None)
         slips = difflib.get_close_matches(tag, map(str, value), n=1) if tag else []
         if slips and tag not in value:
-            return f"{path}:{lines.get((*key, slips[0]), line)}: {name}.{slips[0]}: unknown key; did you mean '{tag}'?"
+            return f"{text.at((*key, slips[0]))} {name}.{slips[0]}: unknown key; did you mean '{tag}'?"
     told = not isinstance(value, str | int | float) or str(value).lower() in message.lower()
     got = "" if told else f" (got {value!r})"
-    return f"{path}:{line}: {name or 'scene'}: {message}{got}"
+    named = name or ("scene" if text.model is Scene else "")
+    return f"{at} {named}: {message}{got}" if named else f"{at} {message}{got}"
 
 
 def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
@@ -226,9 +306,9 @@ def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
             yield from _models_in(part)
 
 
-def _models_at(loc: Location) -> list[type[BaseModel]]:
+def _models_at(loc: Location, root: type[BaseModel]) -> list[type[BaseModel]]:
     """Return the section classes whose keys stand at a location of a validation error."""
-    models: list[type[BaseModel]] = [Scene]
+    models: list[type[BaseModel]] = [root]
     for part in loc:
         inside = [c for m in models if part in m.model_fields for c in _models_in(m.model_fields[part].annotation)]
         tagged = [m for m in models if any(part in typing.get_args(f.annotation) for f in m.model_fields.values())]

@@ -15,6 +15,7 @@ scene holds, not for its constants ("c" is the speed of light there).
 from __future__ import annotations
 
 import difflib
+import math
 import re
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -65,7 +66,8 @@ def parse_quantity(text: str, unit: str) -> float:
     Raises
     ------
     QuantityError
-        If it is not one number and one unit expression, names an unknown unit, or has another dimension.
+        If it is not one number and one unit expression, names an unknown unit, has another dimension, or is beyond
+        what a float holds.
     """
     clean = re.sub(r"\s+", " ", text).strip().replace("−", "-")
     if len(clean) > MOST_CHARACTERS:
@@ -75,6 +77,8 @@ def parse_quantity(text: str, unit: str) -> float:
     if found is None or rest[:1] in {".", ",", "'", "’", "_"} or (re.match(r"\s*[0-9.,]", rest) and not _per(rest)):
         raise QuantityError(_malformed(clean, unit))
     number = float(found.group())
+    if not math.isfinite(number):
+        raise QuantityError("is beyond all numbers")
     if not rest.strip():
         return number
     return _convert(number, _powers(rest, unit), unit)

@@ -80,6 +80,11 @@ class Scene(Section):
         found = [path for section in sections for path in _paths_in(getattr(self, section, None))]
         return list(dict.fromkeys(self.locate(path) for path in found))
 
+    def every_named_file(self) -> list[Path]:
+        """Return every file that the scene names, and the scene's own: none of them may be replaced."""
+        own = [self.file] if self.file is not None else []
+        return [*self.named_files(*type(self).model_fields), *own]
+
     def require(self, section: str) -> Any:
         """Return a section.
 

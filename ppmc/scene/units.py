@@ -8,6 +8,7 @@ Each type below is a float after validation, in ppmc's units: mm, s, g, Pa (1 Pa
 from __future__ import annotations
 
 import math
+from numbers import Real
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
@@ -15,14 +16,29 @@ from pydantic_core import PydanticCustomError
 
 from ppmc.scene.quantity import QuantityError, parse_quantity
 
+# Least and largest magnitude that a moulding has, by unit, a few decades beyond the strangest: what lies outside is a
+# slip of the exponent, and what is computed with it overflows or never ends.
+MAGNITUDES = {
+    "mm": (1e-9, 1e6),
+    "s": (1e-12, 1e9),
+    "mm/s": (1e-15, 1e7),
+    "Pa*s": (1e-9, 1e18),
+    "Pa": (1e-9, 1e18),
+    "uN": (1e-12, 1e18),
+    "g/mm^3": (1e-12, 1e15),
+    "degree": (1e-12, 1e5),
+    "1/s": (1e-15, 1e9),
+    "Pa*s/mm": (1e-12, 1e18),
+}
+
 
 def to_base(value: Any, unit: str) -> float:
     """Return `value` as a number in `unit`.
 
     Parameters
     ----------
-    value : float, int or str
-        A number already in `unit`, or text such as ``"3.55 mm/s"``.
+    value : float, int, str or quantity of pint
+        A number already in `unit`, text such as ``"3.55 mm/s"``, or a quantity.
     unit : str
         The unit to convert to, as pint spells it.
 
@@ -31,7 +47,9 @@ def to_base(value: Any, unit: str) -> float:
     PydanticCustomError
         If the text is not one number and one unit, or has another dimension; with what was probably meant.
     """
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
+    if hasattr(value, "magnitude") and hasattr(value, "to"):
+        return _of_pint(value, unit)
+    if isinstance(value, bool) or not isinstance(value, Real | str):
         shown = str(value).lower() if isinstance(value, bool) else type(value).__name__
         raise _refusal("expected a number or a quantity such as '1 {unit}', got {value}", shown, unit)
     if not isinstance(value, str):
@@ -43,6 +61,16 @@ def to_base(value: Any, unit: str) -> float:
         return parse_quantity(value, unit)
     except QuantityError as error:
         raise _refusal(f"'{{value}}' {_escaped(str(error))}", value, unit) from None
+
+
+def _of_pint(value: Any, unit: str) -> float:
+    """Return a quantity of pint, whatever its registry, as a number in `unit`."""
+    try:
+        if str(value.units) != "dimensionless":
+            return float(value.to(unit).magnitude)
+    except Exception as error:  # each registry has errors of its own
+        raise _refusal(f"'{{value}}' is no quantity in {{unit}} ({_escaped(str(error))})", str(value), unit) from None
+    raise _refusal("'{value}' has no unit, expected one such as {unit}", str(value), unit)
 
 
 def _escaped(text: str) -> str:
@@ -62,7 +90,23 @@ def _quantity(unit: str, **bounds: Any) -> Any:
         "anyOf": [{"type": "number"}, {"type": "string"}],
         "description": f"number in {unit} or text with a unit{low}",
     }
-    return Annotated[float, BeforeValidator(lambda v: to_base(v, unit)), Field(**bounds), WithJsonSchema(schema)]
+    return Annotated[
+        float,
+        BeforeValidator(lambda v: to_base(v, unit)),
+        Field(**bounds),
+        AfterValidator(lambda v: _of_a_moulding(v, unit)),
+        WithJsonSchema(schema),
+    ]
+
+
+def _of_a_moulding(value: float, unit: str) -> float:
+    """Refuse what is beyond all mouldings."""
+    least, most = MAGNITUDES[unit]
+    if abs(value) > most:
+        raise _refusal(f"{{value}} {{unit}} is beyond any moulding: at most {most:g} {unit}", f"{value:g}", unit)
+    if 0.0 < abs(value) < least:
+        raise _refusal(f"{{value}} {{unit}} is beyond any moulding: at least {least:g} {unit}", f"{value:g}", unit)
+    return value
 
 
 if TYPE_CHECKING:

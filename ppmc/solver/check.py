@@ -63,7 +63,10 @@ def findings(scene: Scene) -> list[str]:
     plan = make_plan(settings, material, tools, charge, closing)
     exact = homogeneous_squeeze(scene, tools)
     few = _few_layers(plan, charge, tools)
-    lines = [_closure(plan), *few, _stiffness(plan, material)]
+    axes = [np.linspace(a, b, SAMPLES_ALONG) for a, b in zip(charge.low, charge.high, strict=True)]
+    box = np.array(np.meshgrid(*axes, indexing="ij")).reshape(3, -1).T
+    idle = idle_tools(tools, box, float(np.max(charge.spacing)), settings.end_time)
+    lines = [*idle, _closure(plan, idle), *few, _stiffness(plan, material)]
     if plan.density > 0.0:
         lines.append(_inertia(plan, material))
     unlike = material.ratio > 1.0 and not isinstance(scene.charge.orientation, UniformOrientation)
@@ -72,16 +75,15 @@ def findings(scene: Scene) -> list[str]:
     lines += _cost(settings, material, plan, charge, unlike, fills)
     if fixed is not None:
         lines.append(_narrow(fixed, charge))
-    axes = [np.linspace(a, b, SAMPLES_ALONG) for a, b in zip(charge.low, charge.high, strict=True)]
-    box = np.array(np.meshgrid(*axes, indexing="ij")).reshape(3, -1).T
-    lines += idle_tools(tools, box, float(np.max(charge.spacing)), settings.end_time)
     return lines + (_exact(exact) if exact is not None else [])
 
 
-def _closure(plan: Plan) -> str:
-    """Return how fast the tools close, and how many layers of particles are between them."""
+def _closure(plan: Plan, idle: list[str]) -> str:
+    """Return how fast the tools close, unless some do not, and how many layers of particles are between them."""
     if plan.speed == 0.0:
         return "no tool moves: nothing drives the flow"
+    if idle:
+        return f"tools move at {plan.speed:.4g} mm/s, not all to press on the charge; {plan.layers} layers of particles"
     return (
         f"tools close at {plan.speed:.4g} mm/s on {plan.thickness:.4g} mm of charge, {plan.rate:.3g} 1/s at the start; "
         f"{plan.layers} layers of particles"

@@ -3,16 +3,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ppmc.analysis.averages.averages import FOURTH, fourth_components, in_frames, moments, region_averages, region_sums
+from ppmc.analysis.averages import moments
+from ppmc.analysis.averages.averages import FOURTH, fourth_components, in_frames, region_averages, region_sums
 from ppmc.analysis.averages.regions import Region, box, cylinder, everything, sphere
-from ppmc.analysis.averages.samples import Samples, join
 from ppmc.orientation import normalise, orientation_tensor, orientation_tensor4
+from ppmc.particles import Particles, join
 
 
-def cloud(n: int = 3000, seed: int = 1) -> Samples:
+def cloud(n: int = 3000, seed: int = 1) -> Particles:
     rng = np.random.default_rng(seed)
     x = rng.uniform([0, 0, 0], [30, 12, 6], (n, 3))
-    return Samples(
+    return Particles(
         "cloud", x, rng.uniform(0.1, 1, n), normalise(rng.normal(size=(n, 3))), normalise(rng.normal(size=(n, 3)))
     )
 
@@ -97,7 +98,7 @@ def test_empty_regions_are_nan_not_zero() -> None:
     assert (
         np.isnan(a.fibre_tensor[0]).all() and np.isnan(a.normal_tensor4[0]).all() and np.isnan(a.fibre_spread[0]).all()
     )
-    nothing = Samples("none", np.empty((0, 3)), np.empty(0))
+    nothing = Particles("none", np.empty((0, 3)), np.empty(0))
     assert np.isnan(region_averages(nothing, [everything()]).fibre_tensor).all()
 
 
@@ -106,7 +107,7 @@ def test_missing_normal_and_unknown_directions() -> None:
     p = np.array(s.fibre_direction)
     p[:10] = 0
     p[10:20] = np.nan
-    a = region_averages(Samples("s", s.positions, s.volume, p), [everything()])
+    a = region_averages(Particles("s", s.positions, s.volume, p), [everything()])
     assert np.isnan(a.normal_tensor).all()
     assert np.allclose(a.fibre_tensor[0], orientation_tensor(p[20:], s.volume[20:]))
     assert a.particle_count[0] == 100
@@ -115,14 +116,14 @@ def test_missing_normal_and_unknown_directions() -> None:
 
 def test_slices_count_every_point_once_even_on_shared_faces() -> None:
     x = np.linspace(0, 10, 101)
-    s = Samples("row", np.column_stack([x, 0 * x, 0 * x]), np.ones(101), np.tile([1.0, 0, 0], (101, 1)))
+    s = Particles("row", np.column_stack([x, 0 * x, 0 * x]), np.ones(101), np.tile([1.0, 0, 0], (101, 1)))
     edges = np.linspace(-0.5, 10.5, 12)
     slices = [box(str(k), [edges[k], -1, -1], [edges[k + 1], 1, 1]) for k in range(11)]
     assert region_averages(s, slices).particle_count.sum() == 101
 
 
 def test_flat_and_single_point_clouds() -> None:
-    s = Samples("one", np.array([[1.0, 2, 3]]), np.ones(1), np.array([[0, 0, 1.0]]))
+    s = Particles("one", np.array([[1.0, 2, 3]]), np.ones(1), np.array([[0, 0, 1.0]]))
     a = region_averages(s, [everything(), sphere("ball", [1, 2, 3], 0.1)])
     assert a.particle_count.tolist() == [1, 1]
     assert a.fibre_tensor[0, 2, 2] == 1 and a.fibre_spread[0].max() == 0
@@ -153,13 +154,13 @@ def test_every_platelet_counts_once() -> None:
     """Four platelets of 30, 30, 30, 10 points: (Σw)²/Σ(w of a platelet)² = 100²/(3·30² + 10²)."""
     ids = np.repeat([4, 7, 9, 2], [30, 30, 30, 10])
     p = np.repeat(np.eye(3)[[0, 1, 2, 0]], [30, 30, 30, 10], axis=0)
-    s = Samples("s", np.random.default_rng(0).uniform(0, 1, (100, 3)), np.ones(100), p, None, ids)
+    s = Particles("s", np.random.default_rng(0).uniform(0, 1, (100, 3)), np.ones(100), p, None, ids)
     a = region_averages(s, [everything()])
     assert a.effective_platelets[0] == pytest.approx(1e4 / (3 * 900 + 100))
     assert a.fibre_error[0, 0, 0] == pytest.approx(a.fibre_spread[0, 0, 0] / np.sqrt(1e4 / 2800))
-    loose = Samples("s", s.positions, s.volume, p, None, np.where(ids == 2, -1, ids))
+    loose = Particles("s", s.positions, s.volume, p, None, np.where(ids == 2, -1, ids))
     assert region_averages(loose, [everything()]).effective_platelets[0] == pytest.approx(1e4 / (2700 + 10))
-    unknown = Samples("s", s.positions, s.volume, p)
+    unknown = Particles("s", s.positions, s.volume, p)
     assert np.isnan(region_averages(unknown, [everything()]).effective_platelets[0])
 
 

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from ppmc.analysis import stage
+import ppmc
 from ppmc.analysis.averages.regions import box, everything
-from ppmc.analysis.explore import disk_figure, fourth_frame, read_samples, region_frame, view_figure
+from ppmc.analysis.explore import disk_figure, fourth_frame, region_frame, view_figure
 from ppmc.analysis.figures import views
 from ppmc.analysis.flow.disk import disk_tensors
-from ppmc.errors import InputFileError, SceneError
+from ppmc.errors import SceneError
 from ppmc.orientation.tensor_ode import TensorModel
-from ppmc.scene import parse_scene
 from tests.analysis.conftest import Chain, blank_pictures
 
 
@@ -37,7 +34,7 @@ def test_views_in_one_call(chain: Chain, monkeypatch: pytest.MonkeyPatch) -> Non
         return blank_pictures(wanted)
 
     monkeypatch.setattr(views, "render", keep)
-    end = read_samples(chain.flow)
+    end = ppmc.Flow.read(chain.flow)[-1]
     for name in ("fibre_direction", "platelet_normal", "dominant_direction", "iso_surface"):
         jobs.clear()
         drawing = view_figure(end, name)
@@ -52,15 +49,9 @@ def test_views_in_one_call(chain: Chain, monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_frames_of_both_orders_agree(chain: Chain) -> None:
-    end = read_samples(chain.flow)
+    end = ppmc.Flow.read(chain.flow)[-1]
     regions = [everything(), box("half", [0, 0, 0], [8, 12, 2])]
     second, fourth = region_frame(end, regions), fourth_frame(end, regions)
     assert second.region.tolist() == ["whole", "half"]
     assert np.allclose(fourth.A1111 + fourth.A1122 + fourth.A1133, second.A11)
     assert np.allclose(fourth.N1133 + fourth.N2233 + fourth.N3333, second.N33)
-
-
-def test_a_file_without_directions_is_refused(chain: Chain, tmp_path: Path) -> None:
-    stage.run(parse_scene("name: a\nanalysis: {views: []}"), input=chain.charge, output=tmp_path / "analysis.vtkhdf")
-    with pytest.raises(InputFileError, match="holds 'analysis'"):
-        read_samples(tmp_path / "analysis.vtkhdf")

@@ -5,11 +5,11 @@ import pytest
 
 from ppmc.analysis.averages.averages import region_averages
 from ppmc.analysis.averages.regions import box, everything
-from ppmc.analysis.averages.samples import Samples
 from ppmc.analysis.flow.ensemble import ensemble, particle_difference
 from ppmc.analysis.flow.fill import fill_times
 from ppmc.analysis.flow.knit import find_knit_lines
 from ppmc.analysis.flow.occupancy import Cells, cells_around
+from ppmc.particles import Particles
 
 
 def lattice(low: tuple[float, ...], high: tuple[float, ...], h: float = 1.0) -> np.ndarray:
@@ -17,10 +17,10 @@ def lattice(low: tuple[float, ...], high: tuple[float, ...], h: float = 1.0) -> 
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
 
 
-def cubes(positions: np.ndarray, F: np.ndarray | None = None, h: float = 1.0) -> Samples:
+def cubes(positions: np.ndarray, F: np.ndarray | None = None, h: float = 1.0) -> Particles:
     n = len(positions)
     fields = {} if F is None else {"deformation_gradient": np.broadcast_to(F, (n, 3, 3)).reshape(n, 9)}
-    return Samples("s", positions, np.full(n, h**3), fields=fields)
+    return Particles("s", positions, np.full(n, h**3), fields=fields)
 
 
 def test_fill_time_of_a_moving_front() -> None:
@@ -100,7 +100,7 @@ def test_ensemble_mean_and_spread() -> None:
     regions = [everything(), box("far", [5, 5, 5], [6, 6, 6])]
     for angle in (0.2, 0.4, 0.6):
         p = np.tile([np.cos(angle), np.sin(angle), 0], (50, 1))
-        runs.append(region_averages(Samples("s", x, np.ones(50), p), regions))
+        runs.append(region_averages(Particles("s", x, np.ones(50), p), regions))
     e = ensemble(runs)
     values = np.cos([0.2, 0.4, 0.6]) ** 2
     assert e.fibre_mean[0, 0, 0] == pytest.approx(values.mean())

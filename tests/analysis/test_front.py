@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ppmc.analysis.averages.samples import Samples
 from ppmc.analysis.figures.surfaces import dominant_surfaces
 from ppmc.analysis.flow.comparisons import compare_with_mask, read_picture
 from ppmc.errors import InputFileError
 from ppmc.files import open_series
+from ppmc.particles import Particles
 from ppmc.scene.sections.analysis import FrontMask
 from tests.analysis.conftest import Chain
 from tests.analysis.test_fill_knit_ensemble import lattice
@@ -79,7 +79,7 @@ def test_surfaces_split_a_part_by_direction() -> None:
     """Three slabs along x1, x2, x3: each surface encloses its slab."""
     x = lattice((0, 0, 0), (18, 12, 8), 0.5)
     which = np.minimum((x[:, 0] // 6).astype(int), 2)
-    s = Samples("s", x, np.full(len(x), 0.125), np.eye(3)[which])
+    s = Particles("s", x, np.full(len(x), 0.125), np.eye(3)[which])
     for i, surface in enumerate(dominant_surfaces(s, 0.5)):
         a, b, c = (surface.points[surface.triangles[:, k]] for k in range(3))
         volume = abs(np.einsum("ij,ij->i", a, np.cross(b, c)).sum()) / 6
@@ -91,7 +91,7 @@ def test_surfaces_split_a_part_by_direction() -> None:
 
 def test_directions_that_nothing_favours_have_no_surface() -> None:
     x = lattice((0, 0, 0), (8, 8, 4), 0.5)
-    s = Samples("s", x, np.ones(len(x)), np.tile([1.0, 0, 0], (len(x), 1)))
+    s = Particles("s", x, np.ones(len(x)), np.tile([1.0, 0, 0], (len(x), 1)))
     sizes = [len(surface.points) for surface in dominant_surfaces(s, 0.5)]
     assert sizes[0] > 100 and sizes[1:] == [0, 0]
-    assert [len(q.points) for q in dominant_surfaces(Samples("s", x, np.ones(len(x))), 0.5)] == [0, 0, 0]
+    assert [len(q.points) for q in dominant_surfaces(Particles("s", x, np.ones(len(x))), 0.5)] == [0, 0, 0]

@@ -6,7 +6,7 @@ import pytest
 from ppmc.analysis.averages.averages import in_frames, region_averages
 from ppmc.analysis.averages.local import local_frames, localise, material_normals, nearest_normals, turned_to
 from ppmc.analysis.averages.paths import swept_path
-from ppmc.analysis.averages.samples import Samples
+from ppmc.particles import Particles
 
 RNG = np.random.default_rng(8)
 
@@ -46,7 +46,7 @@ def test_slanted_walls_look_plain_in_local_axes() -> None:
     R = local_frames(n, [0, 0, 1])
     p = np.sqrt(0.7) * R[:, 0] + np.sqrt(0.3) * R[:, 1]
     path = swept_path("across", 2, 0, 90, 1, 0, -10, 10, 10)
-    s = Samples("roof", x, np.ones(len(x)), p, n)
+    s = Particles("roof", x, np.ones(len(x)), p, n)
     a = region_averages(s, path.regions)
     local = localise(path, turned_to(material_normals(a.normal_tensor), [0, 1, 0]), [0, 0, 1], "the material")
     b = in_frames(a, local.frames)

@@ -5,21 +5,21 @@ import pytest
 
 from ppmc.analysis.averages.averages import region_averages
 from ppmc.analysis.averages.regions import box
-from ppmc.analysis.averages.samples import Samples
 from ppmc.analysis.mesh.mapping import map_to_elements
 from ppmc.analysis.mesh.stiffness import Lamina, averaged_stiffness, engineering_moduli, stiffness_matrix
 from ppmc.errors import InputFileError
 from ppmc.orientation import normalise, orientation_tensor, orientation_tensor4
+from ppmc.particles import Particles
 
 RNG = np.random.default_rng(6)
 LAMINA = Lamina(140e9, 9e9, 0.3, 0.4, 5e9)
 
 
-def cloud(n: int = 4000) -> Samples:
+def cloud(n: int = 4000) -> Particles:
     x = RNG.uniform(0, [10, 6, 3], (n, 3))
     p = normalise(RNG.normal(size=(n, 3)))
     r = normalise(np.cross(p, RNG.normal(size=(n, 3))))
-    return Samples("s", x, RNG.uniform(0.5, 1.5, n), p, r)
+    return Particles("s", x, RNG.uniform(0.5, 1.5, n), p, r)
 
 
 def centres() -> np.ndarray:
@@ -86,7 +86,7 @@ def test_elements_without_material_stay_empty_unless_asked() -> None:
 
 def test_the_first_of_equally_near_points_counts_whatever_the_last_digits() -> None:
     x = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
-    s = Samples("s", x, np.ones(3), np.eye(3), np.eye(3)[[1, 2, 0]])
+    s = Particles("s", x, np.ones(3), np.eye(3), np.eye(3)[[1, 2, 0]])
     for shift in (-1e-9, 0.0, 1e-9):
         mapped = map_to_elements(np.array([[0.5 + shift, 0, 0], [1.5 - shift, 0, 0]]), [s])
         assert np.array_equal(mapped.fibre_direction, np.eye(3)[:2])
@@ -94,7 +94,7 @@ def test_the_first_of_equally_near_points_counts_whatever_the_last_digits() -> N
 
 def test_missing_normals_stay_unknown() -> None:
     s = cloud(100)
-    bare = Samples("s", s.positions, s.volume, s.fibre_direction)
+    bare = Particles("s", s.positions, s.volume, s.fibre_direction)
     for owners in (None, unit_cells):
         mapped = map_to_elements(centres(), [bare], owners)
         own = mapped.particle_count > 0

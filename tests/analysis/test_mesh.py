@@ -8,13 +8,13 @@ import meshio
 import numpy as np
 import pytest
 
-from ppmc.analysis.averages.samples import Samples
 from ppmc.analysis.mesh.formats import write_mapped
 from ppmc.analysis.mesh.mapping import map_to_elements
 from ppmc.analysis.mesh.mesh import StructuralMesh, read_mesh
 from ppmc.analysis.mesh.structural import MappedMesh
 from ppmc.errors import InputFileError, SceneError
 from ppmc.orientation import normalise
+from ppmc.particles import Particles
 
 # A graded mesh: the nearest centre is not the element a place lies in.
 EDGES = (np.array([0.0, 1, 2, 10]), np.array([0.0, 3, 4]), np.array([0.0, 2]))
@@ -44,11 +44,11 @@ def write_abaqus(path: Path, extra: str = "") -> Path:
     return path
 
 
-def cloud(n: int = 3000) -> Samples:
+def cloud(n: int = 3000) -> Particles:
     rng = np.random.default_rng(3)
     x = rng.uniform([0, 0, 0], [10, 4, 2], (n, 3))
     p = normalise(rng.normal(size=(n, 3)))
-    return Samples("s", x, np.full(n, 0.5), p, normalise(np.cross(p, rng.normal(size=(n, 3)))))
+    return Particles("s", x, np.full(n, 0.5), p, normalise(np.cross(p, rng.normal(size=(n, 3)))))
 
 
 def mapped_of(mesh: StructuralMesh) -> MappedMesh:
@@ -120,14 +120,14 @@ IN_PART = (
 )
 
 
-def fan() -> Samples:
+def fan() -> Particles:
     """Particles in the bar, p turned by 9 degrees per mm of x1 in the plane of x1 and x2."""
     x = np.stack(np.meshgrid(np.arange(0.25, 10, 0.5), *[np.arange(0.25, 2, 0.5)] * 2, indexing="ij"), -1).reshape(
         -1, 3
     )
     a = np.radians(9.0 * x[:, 0])
     p = np.column_stack([np.cos(a), np.sin(a), 0 * a])
-    return Samples("s", x, np.full(len(x), 0.125), p, np.tile([0.0, 0, 1], (len(x), 1)))
+    return Particles("s", x, np.full(len(x), 0.125), p, np.tile([0.0, 0, 1], (len(x), 1)))
 
 
 def axes_of(path: Path) -> dict[int, list[float]]:
@@ -239,7 +239,7 @@ def test_shell_cards_turn_from_the_first_edge(tmp_path: Path) -> None:
     meshio.write(tmp_path / "shell.vtu", meshio.Mesh(points, [("quad", np.array([[0, 1, 2, 3], [1, 2, 3, 0]]))]))
     mesh = read_mesh(tmp_path / "shell.vtu")
     p = np.tile([np.cos(0.5), np.sin(0.5), 0], (1, 1))
-    s = Samples("s", np.array([[0.5, 0.5, 0]]), np.ones(1), p, np.array([[0.0, 0, 1]]))
+    s = Particles("s", np.array([[0.5, 0.5, 0]]), np.ones(1), p, np.array([[0.0, 0, 1]]))
     write_mapped(MappedMesh(mesh, map_to_elements(mesh.centres, [s]), False, None), tmp_path, "mapped", ("lsdyna",))
     lines = (tmp_path / "mapped_axes.k").read_text().splitlines()
     at = lines.index("*ELEMENT_SHELL_BETA")

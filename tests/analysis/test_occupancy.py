@@ -3,18 +3,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ppmc.analysis.averages.samples import Samples
 from ppmc.analysis.flow.occupancy import Cells, cells_around, fill_shares, occupancy, overlap, silhouette
+from ppmc.particles import Particles
 from tests.analysis.test_fill_knit_ensemble import lattice
 
 SHEARED = np.array([[1.4, 0.5, 0.0], [0.0, 1.0, 0.3], [0.0, 0.0, 1 / 1.4]])
 
 
-def block(F: np.ndarray, size: tuple[float, ...] = (20, 10, 4), h: float = 0.5) -> Samples:
+def block(F: np.ndarray, size: tuple[float, ...] = (20, 10, 4), h: float = 0.5) -> Particles:
     x = lattice((0, 0, 0), size, h)
     n = len(x)
     gradient = np.broadcast_to(F, (n, 3, 3)).reshape(n, 9)
-    return Samples("s", x @ F.T, np.full(n, h**3), fields={"deformation_gradient": gradient})
+    return Particles("s", x @ F.T, np.full(n, h**3), fields={"deformation_gradient": gradient})
 
 
 @pytest.mark.parametrize("F", [np.eye(3), SHEARED, np.diag([2.5, 0.8, 0.5])], ids=["start", "sheared", "squeezed"])
@@ -33,7 +33,7 @@ def test_a_turned_scan_fills_the_turned_box() -> None:
     x = lattice((0, 0, 0), (12, 8, 2), 1.0)
     x = x[x[:, 2] < 1] * [1, 1, 2]
     x = np.vstack([x, x + np.array([0, 0, 2])])
-    s = Samples("scan", x @ R.T, np.full(len(x), 2.0))
+    s = Particles("scan", x @ R.T, np.full(len(x), 2.0))
     cells = cells_around([s.positions], 2.0, 0.25)
     filled = occupancy([s], cells, np.diag([1, 1, 2]) / np.cbrt(2) @ R.T)
     assert filled.sum() * cells.size**3 == pytest.approx(384, rel=0.02)
@@ -42,7 +42,7 @@ def test_a_turned_scan_fills_the_turned_box() -> None:
 
 def test_overlap_of_shifted_blocks_is_that_of_their_volumes() -> None:
     a = block(np.eye(3))
-    b = Samples("b", a.positions + np.array([4.0, 0, 0]), a.volume)
+    b = Particles("b", a.positions + np.array([4.0, 0, 0]), a.volume)
     cells = Cells(np.array([-1.0, -1, -1]), 0.5, (60, 24, 12))
     first, second = occupancy([a], cells), occupancy([b], cells)
     assert overlap(first, second) == pytest.approx(16 / 24)
@@ -56,7 +56,7 @@ def test_overlap_of_shifted_blocks_is_that_of_their_volumes() -> None:
 def test_cracks_between_particles_are_no_holes() -> None:
     s = block(np.eye(3))
     rng = np.random.default_rng(4)
-    loose = Samples("s", s.positions + rng.uniform(-0.12, 0.12, s.positions.shape), s.volume)
+    loose = Particles("s", s.positions + rng.uniform(-0.12, 0.12, s.positions.shape), s.volume)
     cells = Cells(np.array([-1.0, -1, -1]), 0.25, (88, 48, 24))
     core = (slice(8, 80), slice(8, 40), slice(8, 16))
     assert np.minimum(fill_shares([loose], cells)[core], 1).mean() < 0.95

@@ -5,8 +5,8 @@ import pytest
 
 from ppmc.analysis.averages.averages import in_frames, region_averages
 from ppmc.analysis.averages.paths import circle_path, line_path, straight_path, swept_path
-from ppmc.analysis.averages.samples import Samples
 from ppmc.errors import SceneError
+from ppmc.particles import Particles
 
 
 def ring(n: int = 40_000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -24,7 +24,7 @@ def test_circle_sees_an_analytic_field() -> None:
     """A fibre 30 degrees off the hoop direction has A_rr = 1/4, A_θθ = 3/4 at every θ; normals along x1, N_11 = 1."""
     x, radial, hoop = ring()
     p = 0.5 * radial + np.sqrt(0.75) * hoop
-    s = Samples("ring", x, np.ones(len(x)), p, np.tile([1.0, 0, 0], (len(x), 1)))
+    s = Particles("ring", x, np.ones(len(x)), p, np.tile([1.0, 0, 0], (len(x), 1)))
     path = circle_path("hole", [0, 3, 20], [1, 0, 0], [0, 0, -1], 4, 8, 3, 72, 5.0)
     a = in_frames(region_averages(s, path.regions), path.frames)
     half = np.radians(2.5)
@@ -42,7 +42,7 @@ def test_circle_sees_an_analytic_field() -> None:
 def test_circle_turns_every_fibre_exactly() -> None:
     """δ past the middle of a sector the same fibre has p_r = ½ cos δ − √¾ sin δ in the sector's own axes."""
     x, radial, hoop = ring(20_000)
-    s = Samples("ring", x, np.ones(len(x)), 0.5 * radial + np.sqrt(0.75) * hoop)
+    s = Particles("ring", x, np.ones(len(x)), 0.5 * radial + np.sqrt(0.75) * hoop)
     path = circle_path("hole", [0, 3, 20], [1, 0, 0], [0, 0, -1], 4, 8, 3, 36, 10.0)
     a = in_frames(region_averages(s, path.regions), path.frames)
     d = x - [0, 3, 20]
@@ -58,7 +58,7 @@ def test_circle_turns_every_fibre_exactly() -> None:
 
 def test_circle_covers_the_ring_once() -> None:
     x, radial, _ = ring(5000)
-    s = Samples("ring", x, np.ones(len(x)), radial)
+    s = Particles("ring", x, np.ones(len(x)), radial)
     path = circle_path("hole", [0, 3, 20], [1, 0, 0], [0, 0, -1], 4, 8, 3, 36, 10.0)
     d = x - [0, 3, 20]
     rho = np.hypot(d[:, 1], d[:, 2])
@@ -71,7 +71,7 @@ def test_straight_path_reads_a_linear_field() -> None:
     angle = x[:, 0] / 50 * np.pi / 2
     p = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
     path = straight_path("base", 0, 50, [0, -np.inf, -np.inf], [50, np.inf, np.inf])
-    a = region_averages(Samples("s", x, np.ones(len(x)), p), path.regions)
+    a = region_averages(Particles("s", x, np.ones(len(x)), p), path.regions)
     assert np.abs(a.fibre_tensor[:, 0, 0] - np.cos(path.coordinate / 50 * np.pi / 2) ** 2).max() < 2e-3
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from ppmc.charge.cli import charge as command
 from ppmc.charge.exchange import FORMATS, read_points, writer_of
-from ppmc.charge.exchange.points import OrientedPoints
+from ppmc.charge.exchange.points import oriented_points
 from ppmc.charge.orientations.imported import imported_frames
 from ppmc.charge.stage import export, run
 from ppmc.errors import InputFileError, SceneError
@@ -79,7 +79,7 @@ def test_vtu_of_cells_is_read_at_their_middle(tmp_path):
 
 
 def test_each_particle_takes_its_nearest_points_frame():
-    points = OrientedPoints(np.array([[0.0, 0, 0], [10, 0, 0]]), np.eye(3)[:2], np.eye(3)[[2, 2]])
+    points = oriented_points("here", np.array([[0.0, 0, 0], [10, 0, 0]]), np.eye(3)[:2], np.eye(3)[[2, 2]])
     section = FileOrientation(file="x.csv", search_radius=6)
     frames = imported_frames(section, points, np.array([[1.0, 0, 0], [9, 0, 0], [4.9, 0, 0]]))
     assert angle_between_axes(frames.fibre_direction, np.eye(3)[[0, 1, 0]]).max() == 0

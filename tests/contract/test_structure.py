@@ -13,6 +13,7 @@ import pytest
 ROOT = Path(__file__).parents[2] / "ppmc"
 STAGES = ("ct", "charge", "solver", "analysis")
 CORE = ("scene", "files", "orientation", "geometry")
+CLIENTS = {"chain", "cli", "api", "tools"}  # what knows all stages, and what is for users alone
 # Rooms of a part from the ground up: each builds on those before it only, and the part's own files on all of them.
 ROOMS = {
     "geometry": ("surfaces", "tools", "cavity", "parts", "abaqus"),
@@ -44,14 +45,14 @@ def test_stages_do_not_import_each_other(stage: str) -> None:
     files = list((ROOT / stage).rglob("*.py"))
     assert files
     for path in files:
-        others = parts_of_ppmc(path) & (set(STAGES) - {stage} | {"chain", "cli"})
+        others = parts_of_ppmc(path) & (set(STAGES) - {stage} | CLIENTS)
         assert not others, f"{path.relative_to(ROOT)} imports {others}"
 
 
 @pytest.mark.parametrize("part", CORE)
 def test_core_does_not_import_stages(part: str) -> None:
     for path in (ROOT / part).rglob("*.py"):
-        others = parts_of_ppmc(path) & {*STAGES, "chain", "cli"}
+        others = parts_of_ppmc(path) & {*STAGES, *CLIENTS}
         assert not others, f"{path.relative_to(ROOT)} imports {others}"
 
 
@@ -107,3 +108,10 @@ def test_no_module_imports_numba_except_by_the_door() -> None:
         if path.name != "compile_cache.py":
             direct = [m for m in imports(path) if m.split(".")[0] == "numba"]
             assert not direct, f"{path.relative_to(ROOT)}: use ppmc.compile_cache"
+
+
+@pytest.mark.parametrize("part", ROOMS)
+def test_the_page_on_architecture_names_the_rooms_in_their_order(part: str) -> None:
+    page = (ROOT.parent / "docs" / "architecture.md").read_text(encoding="utf-8")
+    row = next(line for line in page.splitlines() if line.startswith(f"| `{part}` |"))
+    assert row.split("|")[2].replace("`", "").replace(" ", "").split(",") == list(ROOMS[part])

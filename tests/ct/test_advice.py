@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+import tifffile
+from scipy.ndimage import gaussian_filter
 
 from ppmc.ct.figures import draw
 from ppmc.ct.phantom import Phantom
 from ppmc.ct.segment import mask_reader, specimen_mask
 from ppmc.ct.stage import make_phantom, run, suggest
-from ppmc.ct.suggest import advise, texture_spectrum
+from ppmc.ct.suggest import texture_spectrum
+from ppmc.files import read_voxels
 from ppmc.scene import Scene
 from ppmc.scene.sections.phantom import PhantomSection
 
@@ -31,22 +34,65 @@ def test_wavelength_and_strength_of_plane_waves(in_memory, wavelength):
     assert variance == pytest.approx(1.0, rel=0.3)
 
 
-def test_advice_follows_wavelength_and_thickness(in_memory):
-    fine = advise(in_memory(plane_waves(64, 5.0)), (0.1, 0.1, 0.1), None)
-    coarse = advise(in_memory(plane_waves(64, 10.0)), (0.1, 0.1, 0.1), None)
-    assert fine.sigma == pytest.approx(0.1, rel=0.15)
-    assert coarse.sigma == pytest.approx(2 * fine.sigma, rel=0.2)
-    assert fine.signal_to_noise == pytest.approx(10.0, rel=0.3)
-    assert fine.fibre_window == pytest.approx((2 * fine.sigma,) * 3)
-    # the window follows the platelets' plane where their thickness is known
-    platelets = advise(in_memory(plane_waves(64, 5.0)), (0.1, 0.1, 0.1), 0.6)
-    assert platelets.fibre_window is None
-    assert not any("fibre_window" in line for line in platelets.lines())
+def scene_of(tmp_path, grey, **ct):
+    tifffile.imwrite(tmp_path / "v.tif", grey, photometric="minisblack")
+    scene = Scene(name="v", ct={"source": {"path": "v.tif", "voxel_size": 0.1}, **ct})
+    scene._directory = tmp_path
+    return scene
 
 
-def test_a_volume_without_texture_gets_advice_all_the_same(in_memory):
-    advice = advise(in_memory(np.full((40, 40, 40), 7, np.uint8)), (0.1, 0.1, 0.1), None)
-    assert advice.sigma > 0
+def advised(scene):
+    """Return the section that the advice prints, and its remarks."""
+    lines = suggest(scene)
+    start = lines.index("ct:") + 1
+    return dict(line.strip().split(": ") for line in lines[start:]), lines[: start - 1]
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.5])
+def test_wavelength_through_noise(in_memory, noise):
+    found, variance = texture_spectrum(in_memory(plane_waves(64, 9.0, noise)), (1.0, 1.0, 1.0))
+    assert found == pytest.approx(9.0, rel=0.1)
+    assert variance == pytest.approx(1.0, rel=0.3)
+
+
+def test_advice_is_what_a_run_does_by_itself(tmp_path):
+    rng = np.random.default_rng(0)
+    grey = (plane_waves(48, 8.0) + 2.0 * rng.standard_normal((48, 48, 48))).astype(np.float32)
+    scene = scene_of(tmp_path, grey)
+    section, _ = advised(scene)
+    assert "platelet_thickness" not in section
+    asked = scene_of(tmp_path, grey, **section)
+    p = []
+    for k, each in enumerate((scene, asked)):
+        with read_voxels(run(each, output=tmp_path / f"{k}.vtkhdf"), "orientations") as file:
+            p.append(file.read("fibre_direction"))
+    assert np.array_equal(*p)
+
+
+@pytest.mark.parametrize("thickness", [0.6, 1.2])
+def test_platelets_are_seen_and_told_from_noise(tmp_path, thickness):
+    section = PhantomSection(
+        cavity=(6.4, 6.4, 6.4), voxel_size=0.1, layup="plies", angles=[0, 60, -30, 90, 30, -60], tilt=(16, 10),
+        platelet={"length": 4, "width": 2, "thickness": thickness}, void_fraction=0.0, noise=0.3,
+    )  # fmt: skip
+    grey = np.concatenate([s.fields["grey"] for s in Phantom(section, 1).slabs()])
+    section, remarks = advised(scene_of(tmp_path, grey))
+    assert float(section["platelet_thickness"].split()[0]) == pytest.approx(thickness, rel=0.35)
+    assert any("confidence" in line for line in remarks)
+    noise = np.random.default_rng(0).integers(0, 255, (48, 48, 48)).astype(np.uint8)
+    assert "platelet_thickness" not in advised(scene_of(tmp_path, noise))[0]
+
+
+def test_noise_that_is_not_white_gets_no_level(tmp_path):
+    noise = gaussian_filter(np.random.default_rng(0).standard_normal((48, 48, 48)), 0.8)
+    section, remarks = advised(scene_of(tmp_path, noise.astype(np.float32)))
+    assert "noise_level" not in section
+    assert any("not white" in line for line in remarks)
+
+
+def test_a_volume_without_texture_gets_advice_all_the_same(tmp_path):
+    section, _ = advised(scene_of(tmp_path, np.full((40, 40, 40), 7, np.uint8)))
+    assert float(section["sigma"].split()[0]) > 0
 
 
 def test_specimen_is_found_in_air(in_memory):
@@ -76,7 +122,7 @@ def test_segmented_run_suggestion_and_figures(tmp_path):
     scene = Scene(name="s", phantom={**PHANTOM, "margin": 0.5, "void_contrast": 8.0}, ct={"mask": {"segment": True}})
     volume = make_phantom(scene, tmp_path / "volume.vtkhdf")
     text = "\n".join(suggest(scene, input=volume))
-    assert "sigma:" in text
+    assert "noise_level:" in text
     out = run(scene, input=volume, output=tmp_path / "o.vtkhdf")
     files = draw(out, tmp_path / "figures")
     assert len(files) == 5

@@ -4,9 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
+from ppmc.ct.floor import gradient_floor, raised
 from ppmc.ct.noise import noise_level, noise_tensor, tilting_part
+from ppmc.ct.orientations import grey_reference
 from ppmc.ct.settings import settings
+from ppmc.ct.signal import signal_of
 from ppmc.orientation import angle_between_axes
 from ppmc.scene.sections.ct import CtSection
 
@@ -85,3 +89,40 @@ def test_settings_are_plain_data():
     chosen = settings(CtSection(), (0.1, 0.1, 0.1), (64, 64, 64), 0.6)
     assert dataclasses.is_dataclass(chosen)
     assert chosen.fibre_window[2] < chosen.fibre_window[0]
+
+
+@pytest.mark.parametrize("blur", [0.5, 0.8, 1.2, 1.6])
+@pytest.mark.parametrize("thickness", [None, 8.0])
+def test_noise_of_any_spectrum_is_invalid(solve, in_memory, blur, thickness):
+    grey = gaussian_filter(np.random.default_rng(3).standard_normal((56, 56, 56)), blur).astype(np.float32)
+    volume, spacing = in_memory(grey), (1.0, 1.0, 1.0)
+    reference, level = grey_reference(volume), noise_level(volume)
+    signal = signal_of(volume, spacing, level)
+    chosen = settings(CtSection(), spacing, grey.shape, thickness, signal)
+    white = noise_tensor(chosen, level / reference.unit)
+    floor = gradient_floor(volume, spacing, chosen, reference, signal.scale)
+    assert floor > 3 * white[:3].sum()
+    result = solve(grey, noise=raised(white, floor), thickness=thickness)
+    assert result["valid"].mean() < 0.02
+
+
+def test_floor_leaves_white_noise_and_texture_alone(texture, in_memory):
+    spacing = (1.0, 1.0, 1.0)
+    for grey in (np.random.default_rng(1).standard_normal((48, 48, 48)).astype(np.float32), texture((1, 0.4, 0.2), 48)):
+        volume = in_memory(grey)
+        reference, level = grey_reference(volume), noise_level(volume)
+        chosen = settings(CtSection(), spacing, grey.shape, None)
+        white = noise_tensor(chosen, max(level / reference.unit, 0.05))
+        floor = gradient_floor(volume, spacing, chosen, reference, 1.0)
+        assert np.array_equal(raised(white, floor), white)
+
+
+@pytest.mark.parametrize("noise", [0.3, 1.0])
+def test_median_of_the_predicted_error_is_that_of_the_error_in_platelets(solve, texture, noise):
+    direction = np.array([1.0, 0.4, 0.2])
+    grey = texture(direction, n=56, waves=40)
+    grey = grey / grey.std() + noise * np.random.default_rng(5).standard_normal(grey.shape).astype(np.float32)
+    result = solve(grey, thickness=8.0)
+    inside = np.s_[10:-10, 10:-10, 10:-10]
+    made = np.median(angle_between_axes(result["fibre_direction"][inside], direction))
+    assert 1 / 1.5 < np.median(result["predicted_error"][inside]) / made < 1.5

@@ -140,14 +140,42 @@ def test_no_changed_bit_is_taken_for_data(tmp_path: Path, product: str) -> None:
 
 
 @pytest.mark.parametrize("product", PRODUCTS)
-def test_an_edit_by_a_program_is_noticed_by_check(tmp_path: Path, product: str) -> None:
-    make, _ = PRODUCTS[product]
+def test_an_edit_by_a_program_is_noticed(tmp_path: Path, product: str) -> None:
+    make, read = PRODUCTS[product]
     path = tmp_path / f"{product}.vtkhdf"
     make(path)
     with h5py.File(path, "r+") as file:
         file["ppmc"].attrs["seed"] = file["ppmc"].attrs["key"]
-    with pytest.raises(InputFileError, match="attributes were changed"):
-        verify_file(path)
+    for look in (read, verify_file):
+        with pytest.raises(InputFileError, match="attributes were changed"):
+            look(path)
+
+
+def exchanged(file: h5py.File) -> None:
+    for old, new in (("velocity", "aside"), ("reference_position", "velocity"), ("aside", "reference_position")):
+        file.move(f"VTKHDF/PointData/{old}", f"VTKHDF/PointData/{new}")
+
+
+def without_digest(file: h5py.File) -> None:
+    file["ppmc/history/press_force"][1] = 7.0
+    del file["ppmc/history/press_force"].attrs["sha256"]
+
+
+def later(file: h5py.File) -> None:
+    file["VTKHDF/Steps"].attrs["NSteps"] = 1
+
+
+@pytest.mark.parametrize("edit", [exchanged, without_digest, later])
+def test_what_has_a_digest_of_its_own_is_not_taken_for_another(
+    tmp_path: Path, edit: Callable[[h5py.File], None]
+) -> None:
+    path = tmp_path / "flow.vtkhdf"
+    make_flow(path)
+    with h5py.File(path, "r+") as file:
+        edit(file)
+    for look in (read_flow, verify_file):
+        with pytest.raises(InputFileError):
+            look(path)
 
 
 def huge(group: h5py.Group) -> None:

@@ -171,6 +171,13 @@ def test_pyvista_reads_it(tmp_path: Path) -> None:
     mesh = pyvista.read(path)
     assert mesh.n_points == N
     assert mesh["fibre_direction"].shape == (N, 3)
+    # It is the first frame, and says so: its own time beside those of all frames.
+    assert mesh.field_data["Time"].tolist() == [0.0] and mesh.field_data["frame_times"].tolist() == [0.0, 0.1]
+    last = pyvista.get_reader(path)
+    last.reader.SetStep(last.reader.GetNumberOfSteps() - 1)
+    mesh = last.read()
+    assert np.array_equal(mesh["velocity"], frame(1)[1]["velocity"])
+    assert mesh.field_data["Time"].tolist() == [0.1] and mesh.field_data["frame_times"].tolist() == [0.0, 0.1]
 
 
 def test_a_folder_of_others_is_not_emptied(tmp_path: Path) -> None:

@@ -7,13 +7,14 @@ import signal
 import socket
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-from ppmc.chain import run_chain
+from ppmc.chain import is_current, links, run_chain
 from ppmc.cli import _run
 from ppmc.errors import StorageError
 from ppmc.files.lock import Claim, confirm_locks, locked
@@ -162,6 +163,39 @@ def test_of_two_at_once_one_wins(tmp_path: Path) -> None:
             os.close(end)
 
 
+def test_who_holds_a_lock_may_ask_again_but_no_other_thread(tmp_path: Path) -> None:
+    """A command takes the lock before it loads the stage, which takes it too; it ends with the outer block."""
+    path = tmp_path / "c.vtkhdf"
+
+    def tried() -> str:
+        try:
+            with locked([Claim(path)]):
+                return "taken"
+        except StorageError as error:
+            return str(error)
+
+    with locked([Claim(path)]):
+        assert tried() == "taken"
+        assert (tmp_path / ".c.lock").exists()
+        with ThreadPoolExecutor(1) as other:
+            assert "this very process" in other.submit(tried).result()
+    assert not list(tmp_path.iterdir())
+    with locked([Claim(path, shared=True)]):
+        assert "this very process" in tried()  # a share is not the whole
+
+
+def test_what_killed_writers_left_goes_with_the_next(tmp_path: Path) -> None:
+    left = [".c.vtkhdf.7.tmp", ".c.checkpoint-a.h5ckpt.7.tmp", ".c.steps.csv.7.tmp"]
+    kept = [".c.d.vtkhdf.7.tmp", "c.vtkhdf", ".other.tmp"]
+    for name in (*left, *kept):
+        (tmp_path / name).write_text("")
+    (tmp_path / ".c.partial.7.tmp").mkdir()
+    (tmp_path / ".c.partial.7.tmp" / "frame_000000.vtkhdf").write_text("")
+    with locked([Claim(tmp_path / "c.vtkhdf")]):
+        pass
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(kept)
+
+
 def test_shares_of_one_volume_work_beside_each_other(tmp_path: Path) -> None:
     from ppmc.ct.stage import _claims
 
@@ -227,6 +261,51 @@ def test_an_edit_of_anything_named_is_noticed(
     assert ((case / "run" / "charge.vtkhdf").read_bytes() == first) == what.startswith("run")
     run_chain(scene, workdir=case / "run")
     assert "unchanged" in capsys.readouterr().err
+
+
+def test_an_export_replaces_nothing_that_the_scene_names(case: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Not even a file that an earlier export has written."""
+    assert charge(case, "first.vtkhdf", "--export", str(case / "other.csv")) == 0
+    (case / "other.csv").replace(case / "points.csv")
+    before = (case / "points.csv").read_bytes()
+    assert charge(case, "c.vtkhdf", "--export", str(case / "points.csv"), "--force") == 2
+    assert "input and output are the same file" in capsys.readouterr().err
+    assert (case / "points.csv").read_bytes() == before
+
+
+def test_an_analysis_replaces_nothing_of_others(case: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Refused before anything is written; what it wrote itself, and what a killed one has left, is replaced."""
+    output = case / "a" / "analysis.vtkhdf"
+    text = SCENE + "analysis: {path: {kind: straight, axis: x1, slices: 2}, views: []}\n"
+    (case / "scene.yaml").write_text(text)
+    assert charge(case, "c.vtkhdf") == 0
+    command = ["analyze", str(case / "scene.yaml"), "--input", str(case / "c.vtkhdf"), "--output", str(output)]
+    for name in ("tables/regions.csv", "figures/path_path.png", "report.html"):
+        (case / "a" / name).parent.mkdir(parents=True, exist_ok=True)
+        (case / "a" / name).write_text("years of work\n")
+        before = {p: p.read_bytes() for p in (case / "a").rglob("*") if p.is_file()}
+        assert _run(command) == 2
+        assert f"{name}: was not written by ppmc and would be replaced" in capsys.readouterr().err
+        assert {p: p.read_bytes() for p in (case / "a").rglob("*") if p.is_file()} == before
+        (case / "a" / name).unlink()
+    assert _run(command) == 0
+    (case / "a" / "figures" / ".path_path.png.7.tmp").write_text("half a picture")
+    output.unlink()
+    assert _run(command) == 0
+    assert not list((case / "a").rglob(".*"))
+
+
+def test_an_edit_runs_what_depends_on_it_and_no_more(case: Path) -> None:
+    """A mould that is no drape of the charge makes no other charge."""
+    text = SCENE + "tooling: {lower: {shape: mesh, file: tool.stl}}\n"
+    (case / "scene.yaml").write_text(text)
+    write_cube(case / "tool.stl", 4.0)
+    scene = load_scene(case / "scene.yaml")
+    paths = run_chain(scene, workdir=case / "run")
+    write_cube(case / "tool.stl", 5.0)
+    (link,) = links(scene, paths)
+    assert is_current(link, scene)
+    assert case / "tool.stl" in scene.every_named_file()
 
 
 def test_included_files_count(tmp_path: Path) -> None:

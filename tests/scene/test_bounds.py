@@ -36,7 +36,9 @@ def scene(size: str = "4 mm", tool: str = "lower", end: str = "1 s", interval: s
         (scene(tool='"r\\0m"'), r"scene\.yaml:7: tooling"),
         (scene(tool="a/b"), r"scene\.yaml:7: tooling"),
         (scene(tool="../a"), r"scene\.yaml:7: tooling"),
-        (scene(end="1e300"), "`end_time` of 1e.300 s is no moulding"),
+        (scene(end="1e300"), r"end_time.*1e\+300 s is beyond any moulding: at most 1e\+09 s"),
+        (scene(end="1e-300"), r"end_time.*1e-300 s is beyond any moulding: at least 1e-12 s"),
+        (scene(size="4e200 m"), r"size.*4e\+203 mm is beyond any moulding"),
         (scene(interval="4e-10 s"), r"asks for 2.5e.09 frames up to 1 s; at most 100,000"),
         ("name: x\n? [a, b]\n: 1\n", r"scene\.yaml:2: a key must be a word"),
         ("name: x\n? {a: b}\n: 1\n", r"scene\.yaml:2: a key must be a word"),
@@ -54,3 +56,18 @@ def test_what_no_scene_means_is_told_at_once(text: str, told: str) -> None:
 def test_unit_expressions_of_people_pass(size: str) -> None:
     domain = parse_scene(scene(size=f'"{size}"')).charge.domain  # type: ignore[union-attr]
     assert domain.size[0] == pytest.approx(4.0)  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("ratio", ["anisotropy_ratio: 1e300", "axial_viscosity: 1e17 Pa*s", "aspect_ratio: 1e9"])
+def test_ratios_beyond_any_platelet_are_told(ratio: str) -> None:
+    with pytest.raises(SceneError, match=r"material.*an anisotropy ratio R of .* is beyond any platelet"):
+        parse_scene(f"name: x\nmaterial: {{model: transversely_isotropic, shear_viscosity: 1 Pa*s, {ratio}}}\n")
+
+
+@pytest.mark.parametrize("speed", ["-1e200", "-1e-200", "-1e30 m/s"])
+def test_speeds_beyond_any_tool_are_told(speed: str) -> None:
+    with pytest.raises(SceneError, match=r"velocity.*mm/s is beyond any moulding"):
+        parse_scene(
+            "name: x\ntooling:\n  ram: {shape: plane, point: [0, 0, 1], normal: [0, 0, -1], "
+            f"motion: {{velocity: [0, 0, {speed}]}}}}\n"
+        )

@@ -28,7 +28,7 @@ def write(path: Path, **changed: Any) -> Path:
 
 def test_a_lattice_passes(tmp_path: Path) -> None:
     path = write(tmp_path / "c.vtkhdf")
-    check_charge(read_particles(path, "charge"), np.ones(3), path)
+    check_charge(read_particles(path, "charge"), np.ones(3), str(path))
 
 
 def test_a_particle_larger_than_its_room(tmp_path: Path) -> None:
@@ -36,14 +36,14 @@ def test_a_particle_larger_than_its_room(tmp_path: Path) -> None:
     volume[5] = 1e6
     path = write(tmp_path / "c.vtkhdf", volume=volume)
     with pytest.raises(InputFileError, match=r"c\.vtkhdf: /VTKHDF/PointData/volume\[5\] = 1e\+06 mm\^3"):
-        check_charge(read_particles(path, "charge"), np.ones(3), path)
+        check_charge(read_particles(path, "charge"), np.ones(3), str(path))
 
 
 def test_doubled_particles(tmp_path: Path) -> None:
     grid = np.array(np.meshgrid(*[np.arange(4.0)] * 3, indexing="ij")).reshape(3, -1).T
     path = write(tmp_path / "c.vtkhdf", positions=np.concatenate([grid, grid[10:12] + 1e-4]))
     with pytest.raises(InputFileError, match=r"particles 10 and 64 are both at .*; 2 such pairs"):
-        check_charge(read_particles(path, "charge"), np.ones(3), path)
+        check_charge(read_particles(path, "charge"), np.ones(3), str(path))
 
 
 def test_directions_that_span_no_plane(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """Neighbours that do not spread in three dimensions: refused at the start, stopped on the way, and nothing else is."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -78,10 +76,10 @@ def test_a_kernel_keeps_its_ratio_until_that_costs_neighbours():
 def test_a_single_layer_is_refused_at_the_start():
     integrator = make_squeeze((8, 8, 1))
     with pytest.raises(SceneError, match=r"64 of 64 particles.* 1 mm thick.*spacing of 0\.25 mm"):
-        check_layers(integrator.model, integrator.state, Path("charge.vtkhdf"))
+        check_layers(integrator.model, integrator.state, "charge.vtkhdf")
     for shape in ((8, 8, 2), (2, 2, 9)):
         integrator = make_squeeze(shape)
-        check_layers(integrator.model, integrator.state, Path("charge.vtkhdf"))
+        check_layers(integrator.model, integrator.state, "charge.vtkhdf")
 
 
 def test_a_run_stops_where_kernels_lose_the_lattice():

@@ -41,5 +41,4 @@ def test_newtonian():
 @pytest.mark.slow
 @pytest.mark.parametrize("angle", [0.0, 37.0])
 def test_collimated(angle):
-    # At the usual tolerance noise of single reactions can release contacts.
-    check_deep(1000.0, angle, velocity_tolerance=5e-5, power_tolerance=1e-3)
+    check_deep(1000.0, angle)

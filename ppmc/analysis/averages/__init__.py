@@ -1,1 +1,1 @@
-"""Samples of any product and their averages over regions and paths."""
+"""Particles of any product and their averages over regions and paths."""

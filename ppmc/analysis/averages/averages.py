@@ -13,8 +13,8 @@ import numpy as np
 
 from ppmc.analysis.averages.moments import N_SUMS, bin_points, sum_regions
 from ppmc.analysis.averages.regions import Region, pack
-from ppmc.analysis.averages.samples import Samples
 from ppmc.orientation import from_six
+from ppmc.particles import Particles
 
 FOURTH = tuple(combinations_with_replacement((0, 1, 2), 4))
 _SCATTER = np.zeros((3, 3, 3, 3), dtype=np.int64)
@@ -127,7 +127,7 @@ class RegionAverages:
         return np.array([region.volume for region in self.regions])
 
 
-def region_sums(samples: Samples, regions: list[Region] | tuple[Region, ...]) -> RegionSums:
+def region_sums(samples: Particles, regions: list[Region] | tuple[Region, ...]) -> RegionSums:
     """Sum the moments of the samples over every region; see `region_averages`."""
     regions = tuple(regions)
     if not len(samples) or not regions:
@@ -138,12 +138,12 @@ def region_sums(samples: Samples, regions: list[Region] | tuple[Region, ...]) ->
     return RegionSums(regions, sum_regions(binned, pack(regions)))
 
 
-def region_averages(samples: Samples, regions: list[Region] | tuple[Region, ...]) -> RegionAverages:
+def region_averages(samples: Particles, regions: list[Region] | tuple[Region, ...]) -> RegionAverages:
     """Average p⊗p, r⊗r and their fourth-order kin over each region, weighted by volume.
 
     Parameters
     ----------
-    samples : Samples
+    samples : Particles
         Points with volume and directions.
     regions : sequence of Region
         They may overlap and lie anywhere.

@@ -1,4 +1,4 @@
-"""Any product as a source of samples: open files in, `Samples` out, in parts that fit memory."""
+"""Any product as a source of samples: open files in, `Particles` out, in parts that fit memory."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from ppmc.analysis.averages.averages import RegionAverages, RegionSums, region_sums
 from ppmc.analysis.averages.moments import N_SUMS
 from ppmc.analysis.averages.regions import Region
-from ppmc.analysis.averages.samples import Samples, join
 from ppmc.errors import InputFileError
 from ppmc.files import ParticleFile, SeriesFile, VoxelFile, VoxelGrid
+from ppmc.particles import Particles, charge_particles, flow_particles, join
 
 VOXELS_A_SLAB = 4_000_000
 
@@ -46,7 +46,7 @@ class Source:
     lower: np.ndarray
     upper: np.ndarray
     spacing: float
-    parts: Callable[[], Iterator[Samples]]
+    parts: Callable[[], Iterator[Particles]]
 
     @property
     def title(self) -> str:
@@ -60,7 +60,7 @@ class Source:
             total = total + region_sums(part, regions)
         return total.averages()
 
-    def thinned(self, most: int, seed: int = 0) -> Samples:
+    def thinned(self, most: int, seed: int = 0) -> Particles:
         """Return at most about `most` points, drawn evenly at random, for pictures."""
         share = 1.0 if self.count <= most else most / self.count
         rng = np.random.default_rng([seed, 7])
@@ -69,13 +69,13 @@ class Source:
             chosen = part if share >= 1.0 else part.select(np.flatnonzero(rng.random(len(part)) < share))
             kept.append(chosen)
         if not kept:
-            return Samples(self.label, np.empty((0, 3)), np.empty(0), time=self.time)
+            return Particles(self.label, np.empty((0, 3)), np.empty(0), time=self.time)
         return replace(join(kept, self.label), time=self.time)
 
-    def where(self, keep: Callable[[Samples], np.ndarray]) -> Source:
+    def where(self, keep: Callable[[Particles], np.ndarray]) -> Source:
         """Return the source cut to the points for which `keep` gives True."""
 
-        def parts() -> Iterator[Samples]:
+        def parts() -> Iterator[Particles]:
             for part in self.parts():
                 yield part.select(keep(part))
 
@@ -84,39 +84,16 @@ class Source:
 
 def flow_source(file: SeriesFile, frame: int, label: str = "flow") -> Source:
     """Return one frame of a flow history; the weight is the volume at the start, which the material carries along."""
-    values = file.frame(frame)
-    volume = file.static["volume"].astype(float)
-    fields = {name: v for name, v in values.items() if name not in ("position", "fibre_direction", "platelet_normal")}
-    fields["reference_position"] = file.static["reference_position"]
-    normal = values.get("platelet_normal")
-    if normal is None and "in_plane_direction" in values:
-        # r = p x q is implied by the two directions that every platelet must carry (J section II.A).
-        normal = np.cross(values["fibre_direction"], values["in_plane_direction"])
-        length = np.linalg.norm(normal, axis=1, keepdims=True)
-        normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
-    samples = Samples(
-        label,
-        values["position"],
-        volume,
-        values["fibre_direction"],
-        normal,
-        file.static.get("platelet_id"),
-        float(file.times[frame]),
-        fields,
-    )
+    samples = flow_particles(file, frame, label)
     # Half the width of the deformed particle along each axis: a squeezed block ends there, not half a spacing on.
-    F = values.get("deformation_gradient")
+    F = samples.fields.get("deformation_gradient")
     stretch = np.ones(3) if F is None else np.sqrt((F.reshape(-1, 3, 3) ** 2).sum(axis=2)).mean(axis=0)
     return _in_memory(samples, "flow", stretch)
 
 
 def charge_source(file: ParticleFile, label: str = "charge") -> Source:
     """Return a charge."""
-    f = file.fields
-    samples = Samples(
-        label, file.positions, f["volume"], f["fibre_direction"], f["platelet_normal"], f["platelet_id"], None, {}
-    )
-    return _in_memory(samples, "charge")
+    return _in_memory(charge_particles(file, label), "charge")
 
 
 def orientations_source(file: VoxelFile, label: str = "CT") -> Source:
@@ -216,26 +193,26 @@ def _voxel_source(
         world = file.grid.to_world(corners)
         lower, upper = world.min(axis=0), world.max(axis=0)
 
-    def parts() -> Iterator[Samples]:
+    def parts() -> Iterator[Particles]:
         for index in slabs(file):
             mask = known(index)
             n = int(mask.sum())
             if n and not directions:
-                yield Samples(label, voxel_positions(file.grid, index, mask), np.full(n, volume))
+                yield Particles(label, voxel_positions(file.grid, index, mask), np.full(n, volume))
             elif n:
                 p = file.read("fibre_direction", index)[mask].astype(float)
                 r = file.read("platelet_normal", index)[mask].astype(float)
-                yield Samples(label, voxel_positions(file.grid, index, mask), np.full(n, volume), p, r)
+                yield Particles(label, voxel_positions(file.grid, index, mask), np.full(n, volume), p, r)
 
     return Source(label, file.product, None, count, lower, upper, float(np.cbrt(volume)), parts)
 
 
-def _in_memory(samples: Samples, product: str, stretch: np.ndarray | None = None) -> Source:
+def _in_memory(samples: Particles, product: str, stretch: np.ndarray | None = None) -> Source:
     """Return samples as a source; their bounds reach half a (stretched) spacing beyond the points."""
     lower, upper = samples.bounds
     half = 0.5 * samples.spacing * (np.ones(3) if stretch is None else stretch)
 
-    def parts() -> Iterator[Samples]:
+    def parts() -> Iterator[Particles]:
         yield samples
 
     low, high = lower - half, upper + half

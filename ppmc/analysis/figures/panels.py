@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from ppmc.analysis.averages.samples import Samples
 from ppmc.analysis.figures.surfaces import dominant_surfaces
 from ppmc.analysis.figures.views import Panel
 from ppmc.analysis.flow.comparisons import Comparison
 from ppmc.analysis.flow.kinematics import principal_stretches
+from ppmc.files import FIELDS
+from ppmc.particles import Particles
 
 SYMBOLS = {"fibre_direction": "p", "platelet_normal": "r"}
 HUES = 97
 
 
-def squares(samples: Samples, name: str) -> list[Panel]:
+def squares(samples: Particles, name: str) -> list[Panel]:
     """Return p_i² or r_i² as three panels (J Figs 7 to 10); empty if the direction is not known."""
     direction = getattr(samples, name)
     if direction is None:
@@ -23,7 +24,7 @@ def squares(samples: Samples, name: str) -> list[Panel]:
     return [Panel(f"${symbol}_{i + 1}^2$", direction[:, i] ** 2, f"${symbol}_i^2$ [–]") for i in range(3)]
 
 
-def dominant(samples: Samples) -> list[Panel]:
+def dominant(samples: Particles) -> list[Panel]:
     """Return three panels, each with only the points whose fibre lies nearest to that axis (A Fig 4.5)."""
     if samples.fibre_direction is None:
         return []
@@ -40,7 +41,7 @@ def dominant(samples: Samples) -> list[Panel]:
     ]
 
 
-def dominant_split(samples: Samples, spacing: float) -> list[Panel]:
+def dominant_split(samples: Particles, spacing: float) -> list[Panel]:
     """Return three panels, each with the closed surface of the pieces whose fibres favour that axis (A Fig 4.5)."""
     if samples.fibre_direction is None:
         return []
@@ -50,6 +51,17 @@ def dominant_split(samples: Samples, spacing: float) -> list[Panel]:
         title = f"mostly along $x_{i + 1}$" + ("" if len(surface.points) else ": none")
         panels.append(Panel(title, hidden, label, (1.0 / 3.0, 1.0), surface=surface))
     return panels
+
+
+def field_panel(samples: Particles, name: str) -> Panel:
+    """Return a field as a panel from its least to its greatest value; of a vector or tensor its length."""
+    values = np.asarray(samples.arrays()[name], dtype=float)
+    units = {spec.name: spec.unit for product in ("charge", "flow") for spec in FIELDS[product]}
+    shown = values if values.ndim == 1 else np.linalg.norm(values, axis=1)
+    label = name.replace("_", " ") if values.ndim == 1 else f"|{name.replace('_', ' ')}|"
+    low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+    unit = units.get(name, "1")
+    return Panel(label, shown, f"{label} [{'–' if unit == '1' else unit}]", (low, high if high > low else low + 1.0))
 
 
 def differences(comparison: Comparison) -> list[Panel]:
@@ -63,7 +75,7 @@ def differences(comparison: Comparison) -> list[Panel]:
     ]
 
 
-def platelets(samples: Samples) -> list[Panel]:
+def platelets(samples: Particles) -> list[Panel]:
     """Return one panel that tells platelets apart by colour; the colour has no other meaning."""
     ids = samples.platelet_id
     if ids is None or not (ids >= 0).any():
@@ -72,7 +84,7 @@ def platelets(samples: Samples) -> list[Panel]:
     return [Panel("platelets", np.where(ids >= 0, hue, np.nan), "")]
 
 
-def scalar_maps(samples: Samples) -> list[Panel]:
+def scalar_maps(samples: Particles) -> list[Panel]:
     """Return panels of the largest principal stretch, the platelet shear angle and J, as far as the file has them."""
     panels = []
     F = samples.fields.get("deformation_gradient")

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ppmc.analysis.averages.samples import Samples
 from ppmc.analysis.figures import panels
 from ppmc.analysis.figures.figure import Picture, to_png
 from ppmc.analysis.figures.views import CloudView, Panel, draw_clouds
 from ppmc.analysis.flow.results import Analysed, Results
+from ppmc.particles import Particles
 
 if TYPE_CHECKING:
     from ppmc.scene.sections.analysis import AnalysisSection
@@ -26,7 +26,7 @@ CAPTIONS = {
     "maps": "Largest principal stretch λ1 [–], platelet shear angle [°], volume ratio J [–], as far as known",
 }
 SPLIT = ("dominant_direction", "iso_surface")  # pieces, with the rest of the part shown faintly
-MAKERS: dict[str, Callable[[Samples, float], list[Panel]]] = {
+MAKERS: dict[str, Callable[[Particles, float], list[Panel]]] = {
     "fibre_direction": lambda s, _: panels.squares(s, "fibre_direction"),
     "platelet_normal": lambda s, _: panels.squares(s, "platelet_normal"),
     "dominant_direction": lambda s, _: panels.dominant(s),

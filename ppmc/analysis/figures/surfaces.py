@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmc.analysis.averages.samples import Samples
 from ppmc.analysis.flow.occupancy import cells_around
+from ppmc.particles import Particles
 
 CELL_IN_SPACINGS = 1.0
 SMOOTHING_CELLS = 1.0
@@ -33,12 +33,12 @@ class Surface:
     values: NDArray[np.float64]
 
 
-def dominant_surfaces(samples: Samples, spacing: float) -> list[Surface]:
+def dominant_surfaces(samples: Particles, spacing: float) -> list[Surface]:
     """Return three surfaces around the pieces of the part in which A11, A22, A33 is the largest of the three.
 
     Parameters
     ----------
-    samples : Samples
+    samples : Particles
         With fibre directions.
     spacing : float
         Distance of neighbours, mm; A is smoothed over about two of them.

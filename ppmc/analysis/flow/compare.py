@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from ppmc.analysis.averages.regions import Region
-from ppmc.analysis.averages.samples import Samples
 from ppmc.analysis.averages.sources import Source, grid_box, occupied_indices, orientations_source, truth_source
 from ppmc.analysis.flow.results import TruthComparison
 from ppmc.analysis.flow.truth import AngleErrors, truth_rows
 from ppmc.files import VoxelFile
+from ppmc.particles import Particles
 
 DEFAULT_MARGIN = 0.1
 
@@ -45,10 +45,10 @@ def compare_with_truth(
         )
         return None
 
-    def inside(samples: Samples) -> np.ndarray:
+    def inside(samples: Particles) -> np.ndarray:
         return interior.contains(samples.positions)
 
-    def started_inside(samples: Samples) -> np.ndarray:
+    def started_inside(samples: Particles) -> np.ndarray:
         return interior.contains(samples.fields["reference_position"])
 
     region = [interior]

@@ -7,25 +7,25 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmc.analysis.averages.samples import Samples
 from ppmc.analysis.flow.occupancy import Cells, fill_shares
+from ppmc.particles import Particles
 
 CELL_IN_SPACINGS = 1.0
 BITS_A_CELL = 2.0
 HALF = 0.5
 
 
-def fill_times(frames: Iterable[tuple[float, Samples]], cells: Cells, last: Samples) -> NDArray[np.float64]:
+def fill_times(frames: Iterable[tuple[float, Particles]], cells: Cells, last: Particles) -> NDArray[np.float64]:
     """Return the time at which the place of each point of the last state was first filled.
 
     Parameters
     ----------
-    frames : iterable of (float, Samples)
+    frames : iterable of (float, Particles)
         Times (s, ascending) and states; with the field ``deformation_gradient`` particles count with their deformed
         extent.
     cells : Cells
         Around all frames.
-    last : Samples
+    last : Particles
         The last state, m points.
 
     Returns

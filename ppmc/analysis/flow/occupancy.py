@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmc.analysis.averages.samples import Samples
 from ppmc.compile_cache import njit
+from ppmc.particles import Particles
 
 Array = NDArray[Any]
 
@@ -77,13 +77,13 @@ def cells_around(clouds: Iterable[np.ndarray], margin: float, size: float) -> Ce
 
 
 def fill_shares(
-    parts: Iterable[Samples], cells: Cells, edges: np.ndarray | None = None, bits_a_cell: float = BITS_A_CELL
+    parts: Iterable[Particles], cells: Cells, edges: np.ndarray | None = None, bits_a_cell: float = BITS_A_CELL
 ) -> NDArray[np.float64]:
     """Return the share of each cell's volume that is filled, shape of the grid; above 1 where pieces overlap.
 
     Parameters
     ----------
-    parts : iterable of Samples
+    parts : iterable of Particles
         Disjoint parts of one state; with the field ``deformation_gradient`` the pieces are deformed by it.
     cells : Cells
     edges : ndarray, shape (3, 3), optional
@@ -129,7 +129,7 @@ def _scatter(
             total[cell] += share[i]
 
 
-def occupancy(parts: Iterable[Samples], cells: Cells, edges: np.ndarray | None = None) -> NDArray[np.float64]:
+def occupancy(parts: Iterable[Particles], cells: Cells, edges: np.ndarray | None = None) -> NDArray[np.float64]:
     """Return how full each cell is, 0 to 1, shape of the grid; arguments as `fill_shares`.
 
     Cells whose neighbourhood of 27 is nearly full count as full, and so do enclosed holes: neither cracks between

@@ -10,13 +10,13 @@ import numpy as np
 from ppmc.analysis.averages.averages import RegionAverages, in_frames
 from ppmc.analysis.averages.paths import InspectionPath
 from ppmc.analysis.averages.regions import Region
-from ppmc.analysis.averages.samples import Samples
 from ppmc.analysis.averages.sources import Source
 from ppmc.analysis.flow.comparisons import Comparison
 from ppmc.analysis.flow.ensemble import Ensemble
 from ppmc.analysis.flow.kinematics import Kinematics
 from ppmc.analysis.flow.knit import KnitLine
 from ppmc.analysis.flow.truth import AngleErrors, TruthRow
+from ppmc.particles import Particles
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -93,7 +93,7 @@ class FlowMaps:
 
     Attributes
     ----------
-    samples : Samples
+    samples : Particles
         The last frame with all its fields.
     spacing : float
         Distance of neighbours at the start, mm.
@@ -103,7 +103,7 @@ class FlowMaps:
         Particles at knit lines.
     """
 
-    samples: Samples
+    samples: Particles
     spacing: float
     fill_time: np.ndarray | None
     knit: KnitLine

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from ppmc.analysis.averages.averages import RegionAverages, RegionSums
 from ppmc.analysis.averages.moments import N_SUMS, sum_owned
-from ppmc.analysis.averages.samples import Samples
 from ppmc.errors import InputFileError
 from ppmc.orientation import normalise
+from ppmc.particles import Particles
 
 EQUALLY_NEAR = 1e-5
 """Relative difference of distances below which the digits of a mesh file decide, not the mesh."""
@@ -67,7 +67,7 @@ class MappedElements:
 
 def map_to_elements(
     centres: Array,
-    parts: Iterable[Samples],
+    parts: Iterable[Particles],
     owners: Owners | None = None,
     *,
     within: Array | float = np.inf,
@@ -79,7 +79,7 @@ def map_to_elements(
     ----------
     centres : ndarray, shape (m, 3)
         Element centres, mm.
-    parts : iterable of Samples
+    parts : iterable of Particles
         The points, in disjoint parts that fit memory one at a time.
     owners : callable, optional
         Gives the element that each place, shape (n, 3), belongs to: averages. Without it every element takes the

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ppmc.charge.exchange import abaqus, csv, npz, vtu
-from ppmc.charge.exchange.points import OrientedPoints, checked
 from ppmc.errors import InputFileError, SceneError
+from ppmc.particles import Particles
 
-Reader = Callable[[Path], OrientedPoints]
-Writer = Callable[[Path, OrientedPoints], None]
+Reader = Callable[[Path], Particles]
+Writer = Callable[[Path, Particles], None]
 
 FORMATS: dict[str, tuple[Reader, Writer]] = {
     ".csv": (csv.read, csv.write),
@@ -19,16 +19,11 @@ FORMATS: dict[str, tuple[Reader, Writer]] = {
     ".inp": (abaqus.read, abaqus.write),
 }
 
-# What stands near the start of the files that `write` makes, and of few others.
-EXPORTED = {
-    ".csv": b"x1,x2,x3,p1,p2,p3,r1,r2,r3,volume,platelet_id",
-    ".npz": b"position.npy",
-    ".vtu": b"<!--This file was created by meshio",
-    ".inp": b"** Particles of a platelet charge; mm.",
-}
+CSV_HEAD = b"x1,x2,x3,p1,p2,p3,r1,r2,r3,volume,platelet_id"
+"""How a CSV file of `write` begins; a table has no place for comments."""
 
 
-def read_points(path: Path) -> OrientedPoints:
+def read_points(path: Path) -> Particles:
     """Read orientations at points.
 
     Parameters
@@ -46,7 +41,7 @@ def read_points(path: Path) -> OrientedPoints:
         raise InputFileError(f"{path}: orientations are read from {', '.join(FORMATS)}, not '{path.suffix}'")
     if not path.is_file():
         raise InputFileError(f"{path}: no such file; relative paths start at the scene's folder")
-    return checked(FORMATS[path.suffix.lower()][0](path), path)
+    return FORMATS[path.suffix.lower()][0](path)
 
 
 def writer_of(path: Path) -> Writer:

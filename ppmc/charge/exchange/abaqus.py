@@ -12,18 +12,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmc.charge.exchange.points import OrientedPoints
+from ppmc.charge.exchange.points import oriented_points
 from ppmc.errors import InputFileError
 from ppmc.geometry.abaqus import Body, material_axes, read_deck
 from ppmc.notices import notice
+from ppmc.orientation import in_plane_from_normal
+from ppmc.particles import Particles
 
 DEFAULT = "1., 0., 0., 0., 1., 0."
 
 
-def write(path: Path, points: OrientedPoints) -> None:
+def write(path: Path, points: Particles) -> None:
     """Write an input file to be included in a model: nodes, elements, platelet sets, distribution and orientation."""
     n = len(points.positions)
-    frames = np.hstack([points.fibre_direction, points.in_plane_direction])
+    frames = np.hstack([points.p, in_plane_from_normal(points.p, points.r)])
     with path.open("w", encoding="ascii") as file:
         file.write(
             "** Particles of a platelet charge; mm. Axis 1 is the fibre direction, axis 3 the platelet normal.\n"
@@ -55,7 +57,7 @@ def _write_platelets(write: Callable[[str], int], platelet_id: NDArray[np.int64]
             write(", ".join(map(str, labels[first : first + 16])) + "\n")
 
 
-def read(path: Path) -> OrientedPoints:
+def read(path: Path) -> Particles:
     """Read the material axes of elements; element sets PLATELET-<k> give platelets.
 
     Axis 1 is p, axis 3 r; a point stands at the mean of an element's corners. What is read and what is refused is
@@ -73,7 +75,7 @@ def read(path: Path) -> OrientedPoints:
         raise InputFileError(f"{path}: no *ELEMENT that could hold fibres; orientations are read by element")
     parts = [_of_body(body) for body in deck.bodies]
     positions, axes, ids = (np.concatenate(values) for values in zip(*parts, strict=True))
-    return OrientedPoints(positions, axes[:, 0], axes[:, 2], None, ids if (ids >= 0).any() else None)
+    return oriented_points(str(path), positions, axes[:, 0], axes[:, 2], None, ids if (ids >= 0).any() else None)
 
 
 def _of_body(body: Body) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:

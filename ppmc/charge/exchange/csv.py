@@ -6,27 +6,27 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmc.charge.exchange.points import OrientedPoints
+from ppmc.charge.exchange.points import oriented_points
 from ppmc.errors import InputFileError
+from ppmc.particles import Particles
 
 POSITION, FIBRE, NORMAL = ("x1", "x2", "x3"), ("p1", "p2", "p3"), ("r1", "r2", "r3")
 
 
-def write(path: Path, points: OrientedPoints) -> None:
+def write(path: Path, points: Particles) -> None:
     """Write a CSV file with a header line; numbers in full precision."""
     import pandas as pd
 
     columns = dict(zip(POSITION, points.positions.T, strict=True))
-    columns |= dict(zip(FIBRE, points.fibre_direction.T, strict=True))
-    columns |= dict(zip(NORMAL, points.platelet_normal.T, strict=True))
-    if points.volume is not None:
-        columns["volume"] = points.volume
+    columns |= dict(zip(FIBRE, points.p.T, strict=True))
+    columns |= dict(zip(NORMAL, points.r.T, strict=True))
+    columns["volume"] = points.volume
     if points.platelet_id is not None:
         columns["platelet_id"] = points.platelet_id
     pd.DataFrame(columns).to_csv(path, index=False)
 
 
-def read(path: Path) -> OrientedPoints:
+def read(path: Path) -> Particles:
     """Read a CSV file; columns in any order, others are passed over.
 
     Raises
@@ -52,7 +52,8 @@ def read(path: Path) -> OrientedPoints:
                 f"{path}: columns {', '.join(names)} hold something that is no number ({error})"
             ) from None
 
-    return OrientedPoints(
+    return oriented_points(
+        str(path),
         columns(*POSITION),
         columns(*FIBRE),
         columns(*NORMAL),

@@ -8,27 +8,28 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from ppmc.charge.exchange.points import OrientedPoints
+from ppmc.charge.exchange.points import oriented_points
 from ppmc.errors import InputFileError
+from ppmc.orientation import in_plane_from_normal
+from ppmc.particles import Particles
 
 
-def write(path: Path, points: OrientedPoints) -> None:
+def write(path: Path, points: Particles) -> None:
     """Write a compressed NPZ file."""
     arrays: dict[str, Any] = {
         "position": points.positions,
-        "fibre_direction": points.fibre_direction,
-        "in_plane_direction": points.in_plane_direction,
-        "platelet_normal": points.platelet_normal,
+        "fibre_direction": points.p,
+        "in_plane_direction": in_plane_from_normal(points.p, points.r),
+        "platelet_normal": points.r,
     }
-    if points.volume is not None:
-        arrays["volume"] = points.volume
+    arrays["volume"] = points.volume
     if points.platelet_id is not None:
         arrays["platelet_id"] = points.platelet_id
     with path.open("wb") as file:
         np.savez_compressed(file, **arrays)
 
 
-def read(path: Path) -> OrientedPoints:
+def read(path: Path) -> Particles:
     """Read an NPZ file; pickled objects are refused.
 
     Raises
@@ -47,4 +48,4 @@ def read(path: Path) -> OrientedPoints:
             ids = np.asarray(file["platelet_id"], dtype=np.int64) if "platelet_id" in file else None
     except (ValueError, OSError, BadZipFile, KeyError) as error:
         raise InputFileError(f"{path}: not readable as NPZ ({error})") from None
-    return OrientedPoints(position, p, r, volume, ids)
+    return oriented_points(str(path), position, p, r, volume, ids)

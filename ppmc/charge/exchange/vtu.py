@@ -7,28 +7,29 @@ from typing import Any
 
 import numpy as np
 
-from ppmc.charge.exchange.points import OrientedPoints
+from ppmc.charge.exchange.points import oriented_points
 from ppmc.errors import InputFileError
+from ppmc.orientation import in_plane_from_normal
+from ppmc.particles import Particles
 
 
-def write(path: Path, points: OrientedPoints) -> None:
+def write(path: Path, points: Particles) -> None:
     """Write a VTU file of vertices with point data; ParaView opens it."""
     import meshio
 
     data: dict[str, Any] = {
-        "fibre_direction": points.fibre_direction,
-        "in_plane_direction": points.in_plane_direction,
-        "platelet_normal": points.platelet_normal,
+        "fibre_direction": points.p,
+        "in_plane_direction": in_plane_from_normal(points.p, points.r),
+        "platelet_normal": points.r,
     }
-    if points.volume is not None:
-        data["volume"] = points.volume
+    data["volume"] = points.volume
     if points.platelet_id is not None:
         data["platelet_id"] = points.platelet_id
     cells = [("vertex", np.arange(len(points.positions))[:, None])]
     meshio.Mesh(points.positions, cells, point_data=data).write(path, file_format="vtu")
 
 
-def read(path: Path) -> OrientedPoints:
+def read(path: Path) -> Particles:
     """Read a VTU file; orientations of cells are taken at the mean of the cell's points.
 
     Raises
@@ -56,4 +57,4 @@ def read(path: Path) -> OrientedPoints:
     volume = np.asarray(data["volume"], dtype=float) if "volume" in data else None
     ids = np.asarray(data["platelet_id"]).astype(np.int64) if "platelet_id" in data else None
     p, r = (np.asarray(data[name], dtype=float) for name in ("fibre_direction", "platelet_normal"))
-    return OrientedPoints(position, p, r, volume, ids)
+    return oriented_points(str(path), position, p, r, volume, ids)

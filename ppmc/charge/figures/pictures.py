@@ -118,7 +118,7 @@ def draw_top_view(charge: ParticleFile, path: Path, view: View) -> None:
         _squares(ax, x, y, float(width), float(height), colours)
         ax.set(title=title, xlabel=f"{NAMES[view.right]} [mm]", ylabel=f"{NAMES[view.up]} [mm]", aspect="equal")
     figure.colorbar(scale, ax=list(axes), shrink=0.6, label="square of the fibre direction's component")
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, format="png", dpi=150)
 
 
 def uppermost(charge: ParticleFile, view: View) -> NDArray[np.int64]:
@@ -173,7 +173,7 @@ def draw_cut(charge: ParticleFile, path: Path, view: View, clearance: Clearance 
             _tool_lines(ax, clearance, along, view.depth, across, middle, space)
         ax.set(xlabel=f"{NAMES[along]} [mm]", ylabel=f"{NAMES[view.depth]} [mm]", aspect="equal")
         ax.set_title(f"cut at {NAMES[across]} = {middle:.1f} mm: {meaning}".replace("-0.0", "0.0"))
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, format="png", dpi=150)
 
 
 def _squares(ax: Any, x: Array, y: Array, width: float, height: float, colours: Array) -> None:
@@ -200,14 +200,14 @@ def _tool_lines(ax: Any, clearance: Clearance, a: int, b: int, c: int, middle: f
         ax.contour(U, V, phi, levels=[0.0], colors="k", linewidths=1.0)
 
 
-def draw_in_tool(charge: ParticleFile, path: Path, view: View, clearance: Clearance | None, space: Box) -> str | None:
-    """Draw the charge in its tool in three dimensions; return why not, if that fails.
+def draw_in_tool(charge: ParticleFile, view: View, clearance: Clearance | None, space: Box) -> bytes | str:
+    """Draw the charge in its tool in three dimensions; return the PNG, or in words why there is none.
 
     VTK runs in a process of its own: without a working OpenGL it ends in a segmentation fault.
     """
     meaning, rgb = coloured(charge)
     with tempfile.TemporaryDirectory(prefix="ppmc-charge-") as folder:
-        job = Path(folder) / "job.npz"
+        job, path = Path(folder) / "job.npz", Path(folder) / "picture.png"
         arrays: dict[str, Any] = {
             "points": charge.positions,
             "colours": rgb,
@@ -228,8 +228,8 @@ def draw_in_tool(charge: ParticleFile, path: Path, view: View, clearance: Cleara
             )  # fmt: skip
         except subprocess.TimeoutExpired:
             return f"the drawing process took more than {SECONDS_TO_DRAW:g} s"
-    if done.returncode == 0 and path.is_file():
-        return None
+        if done.returncode == 0 and path.is_file():
+            return path.read_bytes()
     lines = done.stderr.strip().splitlines()
     return lines[-1] if lines else f"the drawing process ended with code {done.returncode} (no working OpenGL?)"
 

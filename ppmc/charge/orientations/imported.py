@@ -7,22 +7,22 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmc.charge.exchange.points import OrientedPoints
 from ppmc.charge.orientations.frames import GIVEN, Frames
 from ppmc.errors import SceneError
+from ppmc.particles import Particles
 from ppmc.scene.sections.charge import FileOrientation
 
 Array = NDArray[np.floating]
 
 
-def imported_frames(section: FileOrientation, points: OrientedPoints, positions: Array) -> Frames:
+def imported_frames(section: FileOrientation, points: Particles, positions: Array) -> Frames:
     """Return the frames of the nearest points.
 
     Parameters
     ----------
     section : FileOrientation
         With the search radius.
-    points : OrientedPoints
+    points : Particles
         Orientations, in the coordinates of the tool.
     positions : ndarray, shape (n, 3)
         Particles, mm.
@@ -41,7 +41,7 @@ def imported_frames(section: FileOrientation, points: OrientedPoints, positions:
             f"{section.file} within {section.search_radius:g} mm (the farthest is {distance.max():.4g} mm away); "
             "check charge.domain, or raise search_radius"
         )
-    frames = Frames.of(points.fibre_direction[nearest], points.platelet_normal[nearest], GIVEN)
+    frames = Frames.of(points.p[nearest], points.r[nearest], GIVEN)
     frames.notes.update(points_in_file=len(points.positions), largest_distance_mm=float(distance.max()))
     if points.platelet_id is not None:
         frames = replace(frames, platelet_id=points.platelet_id[nearest])

@@ -14,6 +14,7 @@ from ppmc.geometry.cavity.flood import BLOCK, HALF_DIAGONAL, TAKEN, cell_state, 
 from ppmc.geometry.cavity.search_box import search_box
 from ppmc.geometry.points import as_points
 from ppmc.geometry.tools.distance import distance_bound, tool_distance
+from ppmc.geometry.tools.packed import MESH
 from ppmc.geometry.tools.toolset import ToolSet
 
 FloatArray = NDArray[np.float64]
@@ -47,7 +48,7 @@ class Cavity:
     clearance : float
         Clearances narrower than this, mm, were taken as closed.
     rim : ndarray, shape (n, 3)
-        Places at its edge, a ball's radius from the walls, mm; none if it is open.
+        Places at its edge, a ball's radius from the walls, mm; none if it is open and no tool comes from a file.
     """
 
     volume: float
@@ -123,11 +124,14 @@ def _flooded(tools: ToolSet, points: FloatArray, shift: FloatArray, spacing: flo
     if np.prod(shape.astype(float)) > MOST_TABLE:
         return None
     blocks_along = tuple(int(n) for n in shape)
-    table, state, sides, whole = flood(tools.arrays, shift, low, step, radius, blocks_along, room, MOST_BLOCKS)
+    # Where bodies drawn in files leave the cavity open, that may be because they are in one another's place.
+    drawn = bool((tools.arrays.kind == MESH).any())
+    table, state, sides, whole = flood(tools.arrays, shift, low, step, radius, blocks_along, room, MOST_BLOCKS, drawn)
     if not whole:
         return None
     if sides.any() or len(room) == 0:
-        return Cavity(math.inf, False, (low, high), ball, np.zeros((0, 3)))
+        rim = low + step * (_rim(table, state, _blocks_to_fill(table)) + 0.5) if drawn else np.zeros((0, 3))
+        return Cavity(math.inf, False, (low, high), ball, rim)
     blocks = _blocks_to_fill(table)
     rim = _rim(table, state, blocks)
     near = _near(rim, blocks, table.shape)

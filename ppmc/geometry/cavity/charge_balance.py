@@ -79,7 +79,7 @@ def charge_balance(tools: ToolSet, points: NDArray, end_time: float, volume: flo
     Raises
     ------
     SceneError
-        If tools that move against one another overlap at the edge of the closed cavity.
+        If tools that move against one another overlap at the edge of the cavity.
     """
     forced = tools.motions.forced
     if any(not np.isfinite(f.travel) for f in forced):
@@ -97,16 +97,16 @@ def charge_balance(tools: ToolSet, points: NDArray, end_time: float, volume: flo
         except SceneError:
             told = f"no place of the charge is left free at {time:.4g} s: its volume balance is not known"
             continue
-        if not cavity.closed:
-            told = f"at {time:.4g} s the tools leave the cavity open: the charge has free sides"
-            continue
         for overlap in overlaps(tools, cavity.rim, spacing, offsets, offsets - tools.offsets(0.0)):
             if overlap.apart:
                 raise SceneError(_told_overlap(overlap, time))
             resting = "; " + _told_overlap(overlap, time).removeprefix("tooling: ")
+        if not cavity.closed:
+            told = f"at {time:.4g} s the tools leave the cavity open: the charge has free sides"
+            continue
         found.append((time, offsets, cavity))
     if not found:
-        return ChargeBalance(None, told)
+        return ChargeBalance(None, told + resting)
     time, offsets, cavity = min(found, key=lambda f: f[2].volume)
     share = volume / cavity.volume
     where = f"at {time:.4g} s" if not forced else "with the tools under force at their stops"

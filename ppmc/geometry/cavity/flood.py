@@ -149,7 +149,7 @@ def cell_state(table, state, i, j, k):  # type: ignore[no-untyped-def]
 
 
 @njit
-def flood(tools, offsets, low, step, radius, shape, seeds, most):  # type: ignore[no-untyped-def]
+def flood(tools, offsets, low, step, radius, shape, seeds, most, beyond_sides=False):  # type: ignore[no-untyped-def]
     """Flood the cells of a box in which a ball has room, from the cells of given points.
 
     Parameters
@@ -166,6 +166,8 @@ def flood(tools, offsets, low, step, radius, shape, seeds, most):  # type: ignor
         Where balls with room begin, mm.
     most : int
         Blocks beyond which the flood gives up.
+    beyond_sides : bool
+        Whether to go on where a side of the box has been reached, for all of the box that is open to the seeds.
 
     Returns
     -------
@@ -174,7 +176,8 @@ def flood(tools, offsets, low, step, radius, shape, seeds, most):  # type: ignor
     state : ndarray of uint8, shape (blocks, 8, 8, 8)
         States of the cells of each block.
     sides : ndarray of bool, shape (2, 3)
-        Whether the flood came to the lower and upper side of the box along x, y, z; it ends there.
+        Whether the flood came to the lower and upper side of the box along x, y, z; it ends there unless it is
+        to go on.
     whole : bool
         Whether it ended before it had more than `most` blocks.
     """
@@ -224,6 +227,8 @@ def flood(tools, offsets, low, step, radius, shape, seeds, most):  # type: ignor
                     w += way
                 if u < 0 or v < 0 or w < 0 or u >= nx or v >= ny or w >= nz:
                     sides[side % 2, side // 2] = True
+                    if beyond_sides:
+                        continue
                     return table, state[:blocks], sides, True
                 a, b, c = u // BLOCK, v // BLOCK, w // BLOCK
                 if table[c, b, a] < 0:

@@ -50,10 +50,14 @@ def part(
 
     ppmc part pin_bracket --set hole_diameter=9.525 --set flanges=minus --mesh bracket.inp
     """
+    from ppmc.errors import SceneError
     from ppmc.files import check_output, whole_file
+    from ppmc.files.beside import marked_file
     from ppmc.files.storage import is_text_with
     from ppmc.geometry.parts.scene_text import make_part, scene_text
 
+    if mesh is not None and mesh.suffix.lower() not in (".vtu", ".inp"):
+        raise SceneError(f"{mesh}: a mesh is written as .vtu or .inp, not '{mesh.suffix}'")
     made = make_part(name, set or [])
     text = scene_text(made, output.stem if output is not None else name, spacing)
     if output is None:
@@ -64,8 +68,7 @@ def part(
             temporary.write_text(text, encoding="utf-8")
         print(f"{output}: charge and cavity {made.charge_volume:.6g} mm^3, stroke {made.stroke:.4g} mm")
     if mesh is not None:
-        check_output(mesh, [output], is_own=is_text_with(b"meshio"), force=force)
         bricks = made.mesh(mesh_size)
-        with whole_file(mesh) as temporary:
+        with marked_file(mesh, [output], force=force) as temporary:
             bricks.write(temporary, mesh.suffix)
         print(f"{mesh}: {len(bricks.bricks):,} bricks, {bricks.volumes().sum():.6g} mm^3")

@@ -1,4 +1,4 @@
-"""Tools that overlap where the charge can get to: at the edge of a closed cavity, and in the walls right behind it.
+"""Tools that overlap where the charge can get to: at the edge of a cavity, and in the walls right behind it.
 
 Two signed distances whose sum is negative prove an overlap at least that deep, whatever the shapes, for a ball about
 the point that lies in the one tool reaches into the other. Idealised tools overlap on purpose (a plane runs through
@@ -60,7 +60,7 @@ class Overlap:
 
 
 def overlaps(tools: ToolSet, rim: FloatArray, spacing: float, offsets: FloatArray, ways: FloatArray) -> list[Overlap]:
-    """Return the overlaps of tools near a closed cavity, at most one a pair, the deepest.
+    """Return the overlaps of tools near a cavity, at most one a pair, the deepest.
 
     Parameters
     ----------

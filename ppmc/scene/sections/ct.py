@@ -88,6 +88,10 @@ class MaskSection(Section):
     exclude_voids: bool = False
     """With ``segment``: leave out dark voids inside the specimen too."""
 
+    field_of_view: bool = True
+    """Leave out what lies around a round field of view that is filled with one value; only where there is no other
+    mask."""
+
     @model_validator(mode="after")
     def _is_one_way(self) -> Self:
         if self.path is not None and self.segment:
@@ -113,13 +117,22 @@ class CtSection(Section):
     platelet_thickness: PositiveLength | None = None
     """Thickness of a platelet, mm; taken from the phantom section unless given. Sets the windows."""
 
+    normals: bool = True
+    """Find platelet normals too. Without them the file has p, eigenvalues and their certainty, from one fixed window:
+    the quickest setting."""
+
+    follow: bool | None = None
+    """Windows for p follow the fibre, or the platelets' plane where their thickness is known, instead of being the same
+    everywhere; ``false`` is quicker. Unless given they do where normals are wanted."""
+
     sigma: PositiveLength | None = None
-    """Standard deviation of the Gaussian that differentiates, mm; one voxel unless given, 0.9 voxels where the platelet
-    thickness is known."""
+    """Standard deviation of the Gaussian that differentiates, mm. Unless given it is one voxel, 0.9 where the platelet
+    thickness is known, and as much more as the volume's noise asks for where it is not."""
 
     fibre_window: NonNegativeLength | LengthVector | None = None
-    """Standard deviation of the window for p, mm, one for all axes or one for each (x, y, z). Unless given it is two
-    voxels, or, where the platelet thickness is known, thin and wide in the local plane of the platelets."""
+    """Standard deviation of the window for p, mm, one for all axes or one for each (x, y, z); it is then the same
+    everywhere. Unless given it is round and follows the fibre, or, where the platelet thickness is known, is thin and
+    wide in the local plane of the platelets."""
 
     normal_window: PositiveLength | None = None
     """Standard deviation of the larger window for r, mm."""

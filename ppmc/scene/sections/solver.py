@@ -16,7 +16,6 @@ from ppmc.scene.units import (
 )
 
 MOST_FRAMES = 100_000
-LONGEST_TIME = 1e9  # s, thirty years
 
 
 class ZeroEnergyControl(Section):
@@ -109,8 +108,6 @@ class SolverSection(Section):
             raise ValueError(
                 f"output time {max(self.output_times):g} s cannot be reached: `end_time` is {self.end_time:g} s"
             )
-        if self.end_time > LONGEST_TIME:
-            raise ValueError(f"`end_time` of {self.end_time:.3g} s is no moulding; at most {LONGEST_TIME:.0g} s")
         frames = self.end_time / (self.output_interval or self.end_time)
         if frames > MOST_FRAMES:
             raise ValueError(

@@ -1,7 +1,5 @@
 """What no charge can be: particles upon each other, or larger than the room that their neighbours leave."""
 
-from pathlib import Path
-
 import numpy as np
 
 from ppmc.errors import InputFileError
@@ -11,15 +9,15 @@ LEAST_DISTANCE = 0.05  # of the spacing; a lattice has 1, a charge that was move
 MOST_CELLS = 27.0  # a cube three spacings wide holds its neighbours' centres
 
 
-def check_charge(charge: ParticleFile, spacing: np.ndarray, path: Path) -> None:
-    """Refuse a charge, read from `path`, whose particles cannot lie side by side.
+def check_charge(charge: ParticleFile, spacing: np.ndarray, source: str) -> None:
+    """Refuse a charge, which came from `source`, whose particles cannot lie side by side.
 
     Parameters
     ----------
     charge : ParticleFile
     spacing : ndarray, shape (3,)
         Of its lattice, mm.
-    path : Path
+    source : str
         Named in messages.
 
     Raises
@@ -32,7 +30,7 @@ def check_charge(charge: ParticleFile, spacing: np.ndarray, path: Path) -> None:
     if len(large):
         k = int(large[0])
         raise InputFileError(
-            f"{path}: /VTKHDF/PointData/volume[{k}] = {volume[k]:.6g} mm^3 is {volume[k] / cell:.3g} times the "
+            f"{source}: /VTKHDF/PointData/volume[{k}] = {volume[k]:.6g} mm^3 is {volume[k] / cell:.3g} times the "
             f"{cell:.4g} mm^3 of a lattice cell, and would hold its neighbours; {len(large):,} of {len(volume):,} "
             "particles; correct the volumes"
         )
@@ -43,6 +41,6 @@ def check_charge(charge: ParticleFile, spacing: np.ndarray, path: Path) -> None:
         i, j = (int(k) for k in sorted(pairs[np.lexsort(pairs.T[::-1])][0]))
         where = ", ".join(f"{x:.5g}" for x in charge.positions[i])
         raise InputFileError(
-            f"{path}: particles {i} and {j} are both at ({where}) mm; {len(pairs):,} such pairs: the charge is there "
+            f"{source}: particles {i} and {j} are both at ({where}) mm; {len(pairs):,} such pairs: the charge is there "
             "twice, remove one of each"
         )

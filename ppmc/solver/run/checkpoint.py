@@ -50,6 +50,11 @@ def checkpoint_paths(output: Path) -> tuple[Path, Path]:
     )
 
 
+def crash_path(output: Path) -> Path:
+    """Return where the state goes in which a run of an output has failed."""
+    return output.with_name(f"{output.stem}.crash.h5ckpt")
+
+
 def save_checkpoint(output: Path, checkpoint: Checkpoint, provenance: Provenance) -> Path:
     """Write over the older of the two files."""
     first, second = checkpoint_paths(output)
@@ -92,7 +97,7 @@ def sound_checkpoints(output: Path) -> list[tuple[Checkpoint, Provenance]]:
 
 
 def remove_checkpoints(output: Path) -> None:
-    """Delete both files, once the run is complete."""
+    """Delete both files, once the run is complete and they are of no use."""
     for path in checkpoint_paths(output):
         path.unlink(missing_ok=True)
 

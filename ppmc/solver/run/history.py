@@ -10,6 +10,14 @@ from ppmc.solver.particles.state import ParticleState
 from ppmc.solver.step.measures import OutsideMeasure, PackingMeasure, worst_volume_ratio
 from ppmc.solver.step.model import Place, StepReport
 
+FIRST_COLUMNS = b"time,step,iterations,"
+"""How the table of a run begins, and few other files."""
+
+
+def table_path(output: Path) -> Path:
+    """Return where the live table of a run's steps is."""
+    return output.with_name(f"{output.stem}.steps.csv")
+
 
 @dataclass(frozen=True)
 class StepMeasures:
@@ -55,11 +63,11 @@ class History:
     ----------
     columns : tuple of str
     rows : list of list of float
-    path : Path
-        The CSV file, rewritten at the start so that a resumed run has no row twice.
+    path : Path or None
+        The CSV file, if there is one: rewritten at the start so that a resumed run has no row twice.
     """
 
-    def __init__(self, tools: tuple[str, ...], path: Path, rows: np.ndarray | None = None) -> None:
+    def __init__(self, tools: tuple[str, ...], path: Path | None, rows: np.ndarray | None = None) -> None:
         self.columns = (
             "time", "step", "iterations", "passes", "estimated_error", "unconverged", "contacts",
             "penetration", *place_columns("penetration"), "dissipation", "zero_energy_share", "driven_share",
@@ -70,10 +78,11 @@ class History:
         )  # fmt: skip
         self.rows = [] if rows is None else rows.tolist()
         self.path = path
-        with path.open("w", newline="") as handle:
-            writer = csv.writer(handle)
-            writer.writerow(self.columns)
-            writer.writerows(self.rows)
+        if path is not None:
+            with path.open("w", newline="") as handle:
+                writer = csv.writer(handle)
+                writer.writerow(self.columns)
+                writer.writerows(self.rows)
 
     def add(self, time: float, report: StepReport, state: ParticleState, measures: StepMeasures) -> None:
         """Add the row of a step that ended at `time`."""
@@ -89,8 +98,9 @@ class History:
         ]  # fmt: skip
         # Floats throughout, as a run that goes on from a checkpoint has them: its table is the same to the byte.
         self.rows.append([float(value) for value in row])
-        with self.path.open("a", newline="") as handle:
-            csv.writer(handle).writerow(self.rows[-1])
+        if self.path is not None:
+            with self.path.open("a", newline="") as handle:
+                csv.writer(handle).writerow(self.rows[-1])
 
     def table(self) -> np.ndarray:
         """All rows, shape (steps, columns)."""

@@ -1,7 +1,6 @@
 """From scene and charge to a model and an undeformed state, with the checks that catch impossible inputs."""
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from ppmc.files import ParticleFile
 from ppmc.geometry.cavity.charge_balance import charge_balance
 from ppmc.geometry.tools.checks import check_tools_apart
 from ppmc.geometry.tools.toolset import ToolSet, compile_tools
+from ppmc.notices import tell
 from ppmc.scene import Scene
 from ppmc.solver.particles.kernel_shape import lattice_of
 from ppmc.solver.particles.state import ParticleState
@@ -63,8 +63,8 @@ def prepare(scene: Scene, charge: ParticleFile) -> tuple[Model, ParticleState]:
     return Model(settings, material, walls, length, bulk, density), state
 
 
-def check_room(model: Model, charge: ParticleFile, path: Path) -> None:
-    """Compare the charge, read from `path`, with the cavity at the end, and say so if they differ.
+def check_room(model: Model, charge: ParticleFile, source: str) -> None:
+    """Compare the charge, which came from `source`, with the cavity at the end, and say so if they differ.
 
     Raises
     ------
@@ -76,9 +76,9 @@ def check_room(model: Model, charge: ParticleFile, path: Path) -> None:
     volume = float(charge.fields["volume"].sum())
     spacing = float(np.cbrt(np.prod(model.walls.spacing)))
     balance = charge_balance(model.walls.tools, charge.positions, settings.end_time, volume, spacing)
-    balance.check_room(settings.bulk_modulus, str(path))
+    balance.check_room(settings.bulk_modulus, source)
     if balance.off:
-        print(balance.told)
+        tell(balance.told)
 
 
 def run_constants(settings: Any, material: Any, speed: float, thickness: float) -> tuple[float, float, float]:

@@ -1,26 +1,25 @@
 """The run: steps, frames, checkpoints, stop requests, from a prepared model to the end time."""
 
-import sys
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ppmc.errors import NumericalError, StoppedWithCheckpoint
-from ppmc.files import Provenance, SeriesWriter, growing_folder, write_state
 from ppmc.files.verdict import FORCE_ESTIMATE, KEY
+from ppmc.notices import inform, tell
 from ppmc.progress import Progress
 from ppmc.solver.grid.integrator import GridIntegrator
 from ppmc.solver.particles.state import ParticleState
 from ppmc.solver.run import mixing, verdict
-from ppmc.solver.run.checkpoint import Checkpoint, remove_checkpoints, save_checkpoint
+from ppmc.solver.run.checkpoint import Checkpoint
 from ppmc.solver.run.coverage import Coverage, least_force, touching
 from ppmc.solver.run.frames import Snapshot, field_names, frame
 from ppmc.solver.run.history import History, StepMeasures
-from ppmc.solver.run.resume import constants_of, where_to_go_on
+from ppmc.solver.run.records import Record
+from ppmc.solver.run.resume import constants_of
 from ppmc.solver.run.stop_requests import StopRequests
 from ppmc.solver.step.explicit import ExplicitIntegrator
 from ppmc.solver.step.implicit import ImplicitIntegrator
@@ -40,27 +39,25 @@ class Simulation:
     ----------
     model : Model
     state : ParticleState
-    output : Path
-        Final file; the folder of frames, checkpoints and the table of steps lie beside it.
-    provenance : Provenance
+    record : Record
+        Takes the frames, and what else a run leaves behind: in files, or in memory.
     """
 
     model: Model
     state: ParticleState
-    output: Path
-    provenance: Provenance
+    record: Record
 
-    def run(self, resume: bool = True, max_walltime: float | None = None) -> Path:
+    def run(self, resume: bool = True, max_walltime: float | None = None) -> None:
         """Go to the end time, or as far as a stop request lets it.
 
         Raises
         ------
         NumericalError
-            If values stop being finite; the state is dumped beside the output.
+            If values stop being finite; a record in files keeps the state.
         StoppedWithCheckpoint
             On SIGTERM or the wall-clock limit; the same command goes on from there.
         KeyboardInterrupt
-            On Ctrl-C, after the checkpoint.
+            On Ctrl-C, after the checkpoint; at once where the record keeps none.
         """
         settings = self.model.settings
         events = event_times(
@@ -68,7 +65,8 @@ class Simulation:
         )
         self._open(resume)
         last_save, step_cost = clock.monotonic(), 0.0
-        with StopRequests(max_walltime) as requests, Progress("flow", total=settings.end_time, unit="s") as bar:
+        requests = StopRequests(max_walltime, signals=self.record.keeps)
+        with requests, Progress("flow", total=settings.end_time, unit="s") as bar:
             while self.time < events[-1]:
                 target = min(next(t for t in events if t > self.time), self.model.walls.tools.next_break(self.time))
                 before = clock.monotonic()
@@ -86,7 +84,7 @@ class Simulation:
                     last_save, requests.checkpoint = now, False
                 if requests.interrupted:
                     raise KeyboardInterrupt(
-                        f"at t = {self.time:.6g} s, {self.writer.frames} frames and a checkpoint are written; "
+                        f"at t = {self.time:.6g} s, {self.record.frames} frames and a checkpoint are written; "
                         "the same command goes on from there"
                     )
                 if requests.stop or expired:
@@ -100,16 +98,13 @@ class Simulation:
         told = verdict.judge(
             history, self.model.walls.tools.names, self.model.spacing, self.model.bulk_modulus
         )  # fmt: skip
-        self.writer.seal(self.output, history, self._facts() | self._force_estimate() | {KEY: told.as_facts()})
-        remove_checkpoints(self.output)
-        return self.output
+        self.record.seal(history, self._facts() | self._force_estimate() | {KEY: told.as_facts()})
 
     def _open(self, resume: bool) -> None:
-        table = self.output.with_name(f"{self.output.stem}.steps.csv")
+        table = self.record.table
         names = self.model.walls.tools.names
-        going_on = where_to_go_on(self.output, self.model, self.provenance) if resume else None
-        if going_on is None:
-            remove_checkpoints(self.output)
+        saved = self.record.going_on(self.model, resume)
+        if saved is None:
             self.integrator = self._make_integrator()
             self.time, self.step_size = 0.0, np.inf
             self.history = History(names, table)
@@ -121,15 +116,12 @@ class Simulation:
                 "platelet_id": self.state.platelet_id, "reference_position": self.state.reference_position,
                 "volume": self.state.volume,
             }  # fmt: skip
-            self.writer = SeriesWriter.create(
-                growing_folder(self.output), len(self.state),
+            self.record.begin(
                 {k: self.state.in_original_order(v) for k, v in static.items()},
                 field_names(self.model), ("press_force", "mean_volume_ratio_error", "contacts"),
-                provenance=self.provenance,
             )  # fmt: skip
             self._write_frame()
             return
-        saved, self.writer = going_on
         self.state = saved.state
         self.integrator = self._make_integrator()
         self.integrator.list_shape = saved.list_shape
@@ -140,7 +132,7 @@ class Simulation:
         self.report = StepReport()
         self.history = History(names, table, saved.history)
         self.coverage, _ = verdict.follow(self.history.by_column(), names, self._least_force)
-        print(f"resumed at t = {self.time:.6g} s, step {len(self.history.rows)}")
+        inform(f"resumed at t = {self.time:.6g} s, step {len(self.history.rows)}")
 
     @property
     def _least_force(self) -> float:
@@ -176,8 +168,7 @@ class Simulation:
             report = advance()
             self._check_finite()
         except NumericalError as error:
-            path = self._dump()
-            raise NumericalError(f"{error} (t = {self.time:.6g} s; the state is in {path})") from error
+            raise NumericalError(f"{error} (t = {self.time:.6g} s{self._dump()})") from error
         return report
 
     def _check_finite(self) -> None:
@@ -227,7 +218,7 @@ class Simulation:
             self.coverage, self.model.walls.tools.names, self.model.spacing, self.history.last_place("released")
         )
         if told is not None:
-            raise NumericalError(f"{told} (t = {self.time:.6g} s; the state is in {self._dump()})")
+            raise NumericalError(f"{told} (t = {self.time:.6g} s{self._dump()})")
 
     def _tool_velocities(self, dt: float) -> np.ndarray:
         """Velocities of all tools in a step of `dt` (s) that has just ended, shape (tools, 3), mm/s."""
@@ -235,10 +226,10 @@ class Simulation:
         velocities = walls.tools.velocities(max(self.time - 1e-9 * self.model.settings.end_time, 0.0))
         return np.asarray(velocities + walls.forced.velocities(dt))
 
-    def _dump(self) -> Path:
-        path = self.output.with_name(f"{self.output.stem}.crash.h5ckpt")
-        write_state(path, self.state.arrays(), {"time": self.time}, provenance=self.provenance)
-        return path
+    def _dump(self) -> str:
+        """Keep the state that went wrong, and return in words where it is; nothing where it is not kept."""
+        path = self.record.dump(self.state, self.time)
+        return "" if path is None else f"; the state is in {path}"
 
     def _press_force(self) -> float:
         """Force, uN, with which the moving tools press against the charge, along their motion."""
@@ -260,21 +251,19 @@ class Simulation:
             "mean_volume_ratio_error": error,
             "contacts": float(self.report.contacts),
         }
-        self.writer.append(self.time, snapshot.state.position, frame(snapshot, self.model), scalars)
+        self.record.append(self.time, snapshot.state.position, frame(snapshot, self.model), scalars)
 
     def _save(self) -> None:
+        if not self.record.keeps:
+            return
         neighbours = self.integrator.neighbours
         assert neighbours is not None
-        save_checkpoint(
-            self.output,
-            Checkpoint(
-                self.state, neighbours.positions, self.integrator.list_shape, self.history.table(),
-                self.model.walls.forced.displacement,
-                np.stack([self.model.walls.forced.speed, self.model.walls.forced.trend]),
-                self.time, self.step_size, self.writer.frames, constants_of(self.model),
-            ),
-            self.provenance,
-        )  # fmt: skip
+        self.record.save(Checkpoint(
+            self.state, neighbours.positions, self.integrator.list_shape, self.history.table(),
+            self.model.walls.forced.displacement,
+            np.stack([self.model.walls.forced.speed, self.model.walls.forced.trend]),
+            self.time, self.step_size, self.record.frames, constants_of(self.model),
+        ))  # fmt: skip
 
     def _note(self) -> str:
         return f"step {len(self.history.rows)}, {self.report.iterations} iterations, {self.report.contacts} contacts"
@@ -288,7 +277,7 @@ class Simulation:
             self.integrator.weigh(state.position), state.fibre_direction, model.material.ratio
         )  # fmt: skip
         if estimate.is_bound:
-            print(f"ppmc: {estimate.told()}", file=sys.stderr)
+            tell(estimate.told())
         return {FORCE_ESTIMATE: estimate.as_facts()}
 
     def _facts(self) -> dict[str, Any]:

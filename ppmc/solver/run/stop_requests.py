@@ -14,6 +14,13 @@ class StopRequests:
 
     A second Ctrl-C stops at once, as if nobody had caught the first.
 
+    Parameters
+    ----------
+    max_walltime : float or None
+        Wall-clock limit, s.
+    signals : bool
+        Whether to catch signals; a run that keeps no checkpoint leaves them to its caller.
+
     Attributes
     ----------
     stop : str
@@ -24,7 +31,8 @@ class StopRequests:
         Whether a checkpoint is asked for.
     """
 
-    def __init__(self, max_walltime: float | None) -> None:
+    def __init__(self, max_walltime: float | None, signals: bool = True) -> None:
+        self.signals = signals
         self.deadline = None if max_walltime is None else time.monotonic() + max_walltime
         self.stop = ""
         self.interrupted = False
@@ -32,7 +40,7 @@ class StopRequests:
         self._previous: dict[int, Any] = {}
 
     def __enter__(self) -> "StopRequests":
-        if threading.current_thread() is threading.main_thread():
+        if self.signals and threading.current_thread() is threading.main_thread():
             for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1):
                 if signal.getsignal(number) is signal.SIG_IGN:
                     continue  # nohup, or a shell that keeps Ctrl-C from its background jobs
@@ -56,4 +64,6 @@ class StopRequests:
         self.stop = signal.Signals(number).name
         self.interrupted = number == signal.SIGINT
         if self.interrupted:
-            signal.signal(signal.SIGINT, end_at_once)
+            # A command leaves; whoever called from Python gets the exception, and stays.
+            own = self._previous[number]
+            signal.signal(signal.SIGINT, own if own is signal.default_int_handler else end_at_once)

@@ -48,14 +48,16 @@ NEXT_TO_NOTHING = 1e-5  # distance, in supports, below which a point counts as t
 FACES_SEEN = 4  # walls about a particle that count: a corner of a narrow gap has so many
 IMAGES = 15  # of a neighbour near four walls: itself, and those behind each, each two and each three of them
 # Radius of the sphere, in spacings, over which the sum is averaged. With it particles in twins, in rows and scattered
-# about a lattice read as in the lattice, to a hundredth. Twins along all three axes would read 1.024 with 0.87, the
-# distance of a cell's corners, and 0.97 with 1.1; where lattices are drawn out far beyond the kernel's limit, larger
-# spheres pass over the crowding.
-SAMPLED = 0.92
+# about a lattice read as in the lattice, to a few parts in a thousand. Twins along all three axes would read 1.024 with
+# 0.87, the distance of a cell's corners, and 0.97 with 1.1.
+SAMPLED = 0.97
 INTERIOR = 0.93  # packing above which a particle lies inside the material anyhow
 # At a plane surface a lattice reads 0.73 with a fall of 0.28 in its first row and 0.98 with 0.03 in its second; cut
 # across a body diagonal, 0.63 with 0.36 and 0.85 with 0.15, where the fall has to tell that the second is covered.
 EXPOSED_PACKING, EXPOSED_FALL = 0.87, 0.2  # below and above which a particle is exposed
+# The same where a kernel kept within its ratio of axes is swollen as far as it may be: across the longer axes of the
+# lattice it sees 0.69 of what the lattice's own would, and rows read 0.84 with a fall of 0.19, and 1.00.
+SWOLLEN_PACKING, SWOLLEN_FALL = 0.92, 0.13
 MOST_EXPOSED = 0.05  # weighted share of exposed neighbours with which a particle still counts as inside
 
 
@@ -68,10 +70,13 @@ class Packing:
     value : ndarray, shape (n,)
     fall : ndarray, shape (n,)
         Change of the packing in half a spacing along its slope, over the packing.
+    swollen : ndarray, shape (n,), or float
+        How far each kernel is swollen against its lattice: 0 for not at all, 1 for as far as it may be.
     """
 
     value: np.ndarray
     fall: np.ndarray
+    swollen: np.ndarray | float = 0.0
 
 
 @dataclass
@@ -141,7 +146,9 @@ def packing(
 
 def inside(pairs: Pairs, found: Packing, smoothing_length: float) -> np.ndarray:
     """Whether each particle lies inside the material, shape (n,): in a loose pocket, too, but at no free surface."""
-    exposed = (found.value < EXPOSED_PACKING) & (found.fall > EXPOSED_FALL)
+    least_packing = EXPOSED_PACKING + (SWOLLEN_PACKING - EXPOSED_PACKING) * found.swollen
+    least_fall = EXPOSED_FALL + (SWOLLEN_FALL - EXPOSED_FALL) * found.swollen
+    exposed = (found.value < least_packing) & (found.fall > least_fall)
     everywhere = np.ones(len(exposed), dtype=bool)
     share = interior_mean(pairs, exposed.astype(np.float64), everywhere, smoothing_length)
     return (found.value > INTERIOR) | (share < MOST_EXPOSED)

@@ -11,7 +11,7 @@ flows.
 
 import numpy as np
 
-from ppmc.solver.particles.kernel_shape import smoothness
+from ppmc.solver.particles.kernel_shape import smoothness, swelling
 from ppmc.solver.particles.neighbours import Pairs
 from ppmc.solver.particles.smoothing import SUPPORT
 from ppmc.solver.particles.state import ParticleState
@@ -32,11 +32,14 @@ def measured_packing(
     """
     support = SUPPORT * smoothing_length * longest
     near = NearWalls.find(walls.tools.arrays, walls.offsets(time), state.position, support)
-    return packing(
+    found = packing(
         pairs, state.position, state.volume * state.volume_ratio,
         state.kernel_shape if inverse_shape is None else inverse_shape,
         smoothing_length, spacing * np.cbrt(state.volume_ratio), near,
     )  # fmt: skip
+    if inverse_shape is not None:
+        found.swollen = swelling(state.kernel_shape, state.lattice_shape)
+    return found
 
 
 def reference_packing(pairs: Pairs, found: Packing, smoothing_length: float) -> np.ndarray:

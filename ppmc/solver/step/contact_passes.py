@@ -1,6 +1,8 @@
 """Velocities and touching faces of a step: solves with given contacts, until neither is to change.
 
-Which faces touch shows long before the velocities are exact, so only the last pass is solved to the wanted tolerance.
+Which faces are met shows long before the velocities are exact, so only the last pass is solved to the wanted tolerance.
+Which faces are let go shows later: with stiff fibres reactions may be noise where the velocities are right to a
+thousandth. A face that seems to pull is therefore looked at again by a solve that tells.
 """
 
 import numpy as np
@@ -26,7 +28,10 @@ NEGLIGIBLE, DEEPEST = 1e-3, 0.01  # penetration in spacings: not worth a pass; w
 SPARE_PASSES = 2  # of such passes
 # Reactions that are round-off, in parts of stiffness times speed: all there is where tools only take a charge along.
 ROUNDING = 1e-8
-ROUGH = 10.0  # factor on tolerances while it is open which faces touch
+ROUGH = 10.0  # factor on the tolerances while it is open which faces touch
+# Velocity tolerance with which faces let go. Of a collimated disc at R = 61,215, where none does, 12 % let go in four
+# steps at 5e-4, 30 % at 2e-3, and half a per cent at 1e-4, those at its ragged rim.
+SURE = 1e-4
 ROUGH_WINDOW, WINDOW = 4, 8  # iterations between estimates of the error
 
 
@@ -65,6 +70,8 @@ def solve_with_contacts(
     stiffness = float(blocks[:, :3].mean())
     velocities = state.velocity
     last = model.settings.contact_passes - 1
+    wanted = model.settings.velocity_tolerance
+    sure = min(SURE / wanted, 1.0)
     attempt, rough = 0, 1.0 if last == 0 else ROUGH
     coarse: CoarseGrid | None = None
     while True:
@@ -82,25 +89,33 @@ def solve_with_contacts(
         system.rigid = free_rigid_modes(pieces, model.density / time_step, rows, free, drag, stiffness)
         # Without inertia what is free keeps no momentum. It can neither strain the charge nor meet a tool.
         settle = system.rigid.rest if model.density == 0.0 else np.asarray
+        power_tolerance = max(rough, 1.0) * model.settings.power_tolerance
         solution = conjugate_gradient(
             system.apply, system.project, system.precondition, right_side,
-            settle(system.feasible(velocities, held)), tolerance=rough * model.settings.velocity_tolerance,
-            max_iterations=model.settings.max_iterations, power_tolerance=rough * model.settings.power_tolerance,
-            window=WINDOW if rough == 1.0 else ROUGH_WINDOW, negligible=negligible,
+            settle(system.feasible(velocities, held)), tolerance=rough * wanted,
+            max_iterations=model.settings.max_iterations, power_tolerance=power_tolerance,
+            window=WINDOW if rough <= 1.0 else ROUGH_WINDOW, negligible=negligible,
         )  # fmt: skip
         velocities = settle(solution.velocities)
         report.iterations += solution.iterations
         report.passes += 1
         report.estimated_error = solution.estimated_error
-        report.unconverged += not solution.converged
+        # A solve that was only to tell which faces let go has been as exact as wanted before.
+        report.unconverged += not solution.converged and rough >= 1.0
         # What flows too slowly to be resolved does not tell what its faces bear.
         flows = float(np.sqrt(np.mean(velocities**2))) > negligible
+        may_release = attempt < last and flows and rough <= 1.0 and solution.converged
         added, released, deepest = _changes(
-            model, state, contacts, system, solution, time_step, attempt < last and flows, ROUNDING * stiffness
+            model, state, contacts, system, solution, time_step, may_release, ROUNDING * stiffness
         )
+        if released.any() and rough > sure:
+            contacts.active |= added
+            rough = sure
+            del system, solution, inverse
+            continue
         settled = not (added.any() or released.any())
         enough = attempt >= last and (attempt >= last + SPARE_PASSES or deepest < DEEPEST * model.spacing)
-        if enough or (settled and rough == 1.0):
+        if enough or (settled and rough <= 1.0):
             return solution
         contacts.active = (contacts.active & ~released) | added
         # What the pass held makes room for the next.

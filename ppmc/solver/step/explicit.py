@@ -28,6 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmc.compile_cache import njit, prange
+from ppmc.notices import inform
 from ppmc.solver import materials
 from ppmc.solver.linear.block_jacobi import multiply_rows
 from ppmc.solver.particles.kernel_shape import rearrangement_rate, smoothness
@@ -156,7 +157,7 @@ class ExplicitIntegrator(ImplicitIntegrator):
         contacts.active |= contacts.gap <= TOUCH * self.model.spacing
         self.remember(contacts)
         self.present = None
-        print(
+        inform(
             f"explicit: viscous limit {used.viscous:.3g} s, Courant limit {used.courant:.3g} s, step {used.used:.3g} s"
         )
         return StepReport()

@@ -7,8 +7,6 @@ no longer reaches along it. A single stray particle, or two that have left the c
 
 # mypy: disable-error-code="no-untyped-def"
 
-from pathlib import Path
-
 import numpy as np
 
 from ppmc.compile_cache import njit, prange
@@ -41,8 +39,8 @@ def lies_flat(pairs: Pairs, inverse: np.ndarray) -> np.ndarray:
     return out
 
 
-def check_layers(model: Model, state: ParticleState, path: Path) -> None:
-    """Refuse a charge, read from `path`, with parts that are one layer of particles thick.
+def check_layers(model: Model, state: ParticleState, source: str) -> None:
+    """Refuse a charge, which came from `source`, with parts that are one layer of particles thick.
 
     Raises
     ------
@@ -57,7 +55,7 @@ def check_layers(model: Model, state: ParticleState, path: Path) -> None:
     flat, belong = lies_flat(pairs, inverse), int(np.sum(pairs.count >= FEWEST))
     if belong == 0:
         raise SceneError(
-            f"{path}: no particle has {FEWEST} neighbours within {support:.3g} mm: they make no charge; the spacing"
+            f"{source}: no particle has {FEWEST} neighbours within {support:.3g} mm: they make no charge; the spacing"
             f" that it gives is {model.walls.spacing.round(4).tolist()} mm"
         )
     if flat.sum() <= MOST_AT_START * belong:
@@ -65,7 +63,7 @@ def check_layers(model: Model, state: ParticleState, path: Path) -> None:
     where = int(np.flatnonzero(flat)[0])
     thickness = float(np.linalg.norm(np.linalg.eigh(inverse[where])[1][:, 2] * model.walls.spacing))
     raise SceneError(
-        f"{path}: {flat.sum()} of {len(state)} particles, the first at {state.position[where].round(3).tolist()} mm,"
+        f"{source}: {flat.sum()} of {len(state)} particles, the first at {state.position[where].round(3).tolist()} mm,"
         f" lie in a single layer or row, {thickness:.3g} mm thick: no strain can be seen across it; take at least"
         f" {ENOUGH_LAYERS} layers, a charge.spacing of {thickness / ENOUGH_LAYERS:.3g} mm there"
     )

@@ -10,14 +10,18 @@ import numpy as np
 from ppmc.analysis.mesh.mapping import MappedElements
 from ppmc.analysis.mesh.mesh import MeshPart
 from ppmc.files import whole_file
+from ppmc.files.beside import mark
 
 NUMBERS_A_LINE = 16
 
 
 def write_text(path: Path, lines: Iterable[str]) -> None:
-    """Write lines to a file, whole or not at all."""
-    with whole_file(path) as temporary, temporary.open("w", encoding="utf-8") as file:
-        file.writelines(f"{line}\n" for line in lines)
+    """Write lines to a file, whole or not at all; decks are told to be ours by how they begin."""
+    with whole_file(path) as temporary:
+        with temporary.open("w", encoding="utf-8") as file:
+            file.writelines(f"{line}\n" for line in lines)
+        if path.suffix == ".msh":
+            mark(temporary, path.suffix)
 
 
 def in_lines(words: Iterable[object], per_line: int = NUMBERS_A_LINE) -> Iterator[str]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ppmc.analysis.mesh.structural import MappedMesh
 from ppmc.files import whole_file
+from ppmc.files.beside import mark
 
 
 def write(mapped: MappedMesh, folder: Path, name: str) -> None:
@@ -20,3 +21,4 @@ def write(mapped: MappedMesh, folder: Path, name: str) -> None:
     solid = meshio.Mesh(mesh.points, mesh.blocks, cell_data=data)
     with whole_file(folder / f"{name}.vtu") as temporary:
         meshio.write(temporary, solid, file_format="vtu")
+        mark(temporary, ".vtu")

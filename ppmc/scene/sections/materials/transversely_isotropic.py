@@ -15,6 +15,10 @@ from ppmc.scene.sections.materials.relations import (
 )
 from ppmc.scene.units import PositiveViscosity
 
+# A thousand times that of the stiffest platelets published (61,215, J); beyond, rounding of forces along fibres reaches
+# those between them.
+MOST_ANISOTROPIC = 1e8
+
 
 class AnisotropicViscosity(Section):
     """Viscosities shared by all models with fibres: one way of giving each of the two constants."""
@@ -45,6 +49,11 @@ class AnisotropicViscosity(Section):
             raise ValueError("give exactly one of `anisotropy_ratio`, `axial_viscosity` and `aspect_ratio`")
         if self.ratio < 1.0:
             raise ValueError(f"the viscosities give an anisotropy ratio R of {self.ratio:.4g}; it must be at least 1")
+        if self.ratio > MOST_ANISOTROPIC:
+            raise ValueError(
+                f"an anisotropy ratio R of {self.ratio:.4g} is beyond any platelet and this arithmetic: "
+                f"at most {MOST_ANISOTROPIC:g}"
+            )
         return self
 
     @property
