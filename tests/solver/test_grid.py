@@ -8,6 +8,7 @@ from pydantic import ValidationError
 from ppmc.scene.sections.solver import SolverSection
 from ppmc.solver.grid.body import make_body
 from ppmc.solver.grid.cells import lay_lines
+from ppmc.solver.grid.factor import has_pardiso
 from ppmc.solver.grid.integrator import GridIntegrator
 from ppmc.solver.grid.recover import recover
 from ppmc.solver.grid.shapes import NODES, sub_points
@@ -131,6 +132,16 @@ def test_same_bytes_whatever_is_solved_before():
     on_grid((4, 4, 3), jitter=0.1).initialise(0.0, 1e-3)
     second.initialise(0.0, 1e-3)
     assert first.state.velocity.tobytes() == second.state.velocity.tobytes()
+
+
+def test_both_direct_solvers_find_the_same(monkeypatch):
+    found = []
+    for here in (has_pardiso(), False):
+        monkeypatch.setattr("ppmc.solver.grid.factor.has_pardiso", lambda here=here: here)
+        integrator = on_grid((4, 4, 4), ratio=1000.0, jitter=0.2)
+        integrator.initialise(0.0, 1e-3)
+        found.append(integrator.state.velocity)
+    np.testing.assert_allclose(found[0], found[1], atol=1e-6)
 
 
 def test_the_grid_knows_no_inertia():
