@@ -22,6 +22,7 @@ from ppmc.ct.noise import noise_level, noise_tensor
 from ppmc.ct.orientations import Job, grey_reference, orientations
 from ppmc.ct.phantom import Phantom
 from ppmc.ct.settings import settings
+from ppmc.ct.signal import signal_of
 from ppmc.ct.source import Volume
 from ppmc.ct.tiles import Tiling
 from ppmc.orientation import angle_between_axes
@@ -70,12 +71,18 @@ def ppmc(grey: Array, thickness: float) -> tuple[Array, Array]:
     return solve(grey, CtSection(), thickness)
 
 
+def ppmc_alone(grey: Array, thickness: float) -> tuple[Array, Array]:
+    """ppmc as it is when nothing is known."""
+    return solve(grey, CtSection(), None)
+
+
 def solve(grey: Array, section: CtSection, thickness: float | None) -> tuple[Array, Array]:
     volume = Volume(Path("memory"), grey.shape, grey.dtype, lambda box: grey[box])
     spacing = (1.0, 1.0, 1.0)
-    chosen = settings(section, spacing, grey.shape, thickness)
+    level = noise_level(volume)
+    chosen = settings(section, spacing, grey.shape, thickness, signal_of(volume, spacing, level))
     reference = grey_reference(volume)
-    noise = noise_tensor(chosen, noise_level(volume) / reference.unit)
+    noise = noise_tensor(chosen, level / reference.unit)
     job = Job(volume, spacing, chosen, reference, noise=noise)
     p, r = (np.empty((*grey.shape, 3), np.float32) for _ in range(2))
     for block in orientations(job, 2, Tiling(job.shape, job.shape)):
@@ -104,6 +111,7 @@ def scikit_image(grey: Array, thickness: float) -> tuple[Array, Array]:
 
 SOLVERS: dict[str, Solver] = {
     "ppmc": ppmc,
+    "ppmc, thickness not known": ppmc_alone,
     "ppmc, one round window": ppmc_plain,
     "structure-tensor": structure_tensor,
     "scikit-image + eigh": scikit_image,

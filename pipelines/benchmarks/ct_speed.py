@@ -11,7 +11,6 @@ is not timed. ppmc hands its results on tile by tile; structure-tensor returns w
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import os
 import time
 from collections.abc import Callable
@@ -35,8 +34,8 @@ def ppmc_run(grey: np.ndarray, stride: int, threads: int, *, two_scales: bool) -
     if two_scales:
         chosen = settings(CtSection(stride=stride), spacing, grey.shape, 8.0)
     else:
-        section = CtSection(sigma=1.0, fibre_window=2.0, side_steps=0)
-        chosen = dataclasses.replace(settings(section, spacing, grey.shape, None), normal_window=None)
+        section = CtSection(sigma=1.0, fibre_window=2.0, follow=False)
+        chosen = settings(section, spacing, grey.shape, None)
     job = Job(volume, spacing, chosen, grey_reference(volume), stride=stride)
     tiles = tiling(job.shape, chosen, stride=stride, budget=1024.0, threads=threads, itemsize=1, masked=False)
 

@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from ppmc.geometry.tools.toolset import compile_tools
-from ppmc.scene.sections.materials.transversely_isotropic import TransverselyIsotropic
+from ppmc.materials.transversely_isotropic import TransverselyIsotropic
 from ppmc.scene.sections.solver import SolverSection
 from ppmc.scene.sections.tooling import PlaneTool
 from ppmc.solver.particles.state import ParticleState

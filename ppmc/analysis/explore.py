@@ -53,7 +53,11 @@ def scene_paths(path: str | Path, frame: int = -1) -> dict[str, InspectionPath]:
         source, stored = flow_source(file, frame), file.provenance.scene
     if not stored:
         raise InputFileError(f"{path}: carries no scene to take paths from; lay them by ppmc.analysis.averages.paths")
-    scene = Scene.model_validate(stored)
+    # Of what the charge flows and rubs does not matter here, and laws of one's own cannot be read from a file.
+    tools = {
+        name: {k: v for k, v in tool.items() if k != "wall"} for name, tool in (stored.get("tooling") or {}).items()
+    }
+    scene = Scene.model_validate({**stored, "material": None, "tooling": tools or None})
     section = scene.analysis or AnalysisSection()
     out = {}
     for name, spec in section.every_path.items():

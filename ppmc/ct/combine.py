@@ -201,55 +201,56 @@ def orient_planes(
     two_scales = coarse.shape[0] > 0
     follows = weights_along.shape[0] > 0
     best, blended, small, large, work, frame, aim, one, other, floor, better, total, press = buffers
-    # a stretch of a few rows through all planes: the windows that its voxels look at stay in a near cache
-    for i in range(0, ox, CHUNK):
+    stretches = (ox + CHUNK - 1) // CHUNK
+    for t in range(stretches * oy * oz):
+        if follows:
+            # stretch by stretch through all planes: the windows that its voxels look at stay in a near cache
+            k, j, i = t % oz, t // oz % oy, t // (oz * oy) * CHUNK
+        else:
+            k, j, i = t // (stretches * oy), t // stretches % oy, t % stretches * CHUNK
         n = min(CHUNK, ox - i)
-        x = corner[0] + i * step
-        for j in range(oy):
-            y = corner[1] + j * step
-            for k in range(oz):
-                z = corner[2] + k * step
-                if follows:
-                    middle = (z * ny + y) * pitch + x
-                    load_packed(tensors, middle, step, n, best)
-                    solve(best, work, small)
-                    blend_along(tensors, middle, step, n, pitch, ny * pitch, small, along, weights_along, best)
-                else:
-                    load(tensors, (z * channels * ny + y) * pitch + x, ny * pitch, step, n, best)
-                if two_scales:
-                    k0, j0 = lower[0][k], lower[1][j]
-                    k1, j1 = min(k0 + 1, cz - 1), min(j0 + 1, cy - 1)
-                    plane, plane1, apart = k0 * cy, k1 * cy, 6 * cx
-                    interpolate(
-                        coarse, (plane + j0) * apart + i, (plane + j1) * apart + i, (plane1 + j0) * apart + i,
-                        (plane1 + j1) * apart + i, cx, share[1][j], share[0][k], n, blended,
-                    )  # fmt: skip
-                    solve(blended, work, large)
-                elif side_steps > 0:
-                    solve(best, work, large)
-                if side_steps > 0:
-                    blend_sides(
-                        tensors, scores, large, inverse_h, side_steps, x, step, n, y, z, ny, pitch, channels,
-                        aim, one, other, floor, better, total, best,
-                    )  # fmt: skip
-                if two_scales and planar:
-                    solve(best, work, small)
-                    for m in range(CHUNK):
-                        press[m] = FLATNESS * max(small[m], ZERO)
-                    press_flat(best, press, large)
-                solve(best, work, small)
-                if two_scales and planar:
-                    _release(small, press, large)
-                if two_scales or side_steps > 0:
-                    _orthogonal(small, large)
-                    judge_by = large
-                else:
-                    judge_by = small
-                _axes(small, judge_by, frame)
-                _certainty(small, judge_by, scale, samples, frame)
-                o = first + (k * oy + j) * ox + i
-                _store_vectors(frame, N(0), fibre, o, n)
-                _store_vectors(frame, N(3), normal, o, n)
-                _store_vectors(frame, N(6), values, o, n)
-                _store_certainty(frame, confidence, planarity, predicted, o, n)
-                _judge(frame, least_energy, least_confidence, valid, o, n)
+        x, y, z = corner[0] + i * step, corner[1] + j * step, corner[2] + k * step
+        if follows:
+            middle = (z * ny + y) * pitch + x
+            load_packed(tensors, middle, step, n, best)
+            solve(best, work, small)
+            blend_along(tensors, middle, step, n, pitch, ny * pitch, small, along, weights_along, best)
+        else:
+            load(tensors, (z * channels * ny + y) * pitch + x, ny * pitch, step, n, best)
+        if two_scales:
+            k0, j0 = lower[0][k], lower[1][j]
+            k1, j1 = min(k0 + 1, cz - 1), min(j0 + 1, cy - 1)
+            plane, plane1, apart = k0 * cy, k1 * cy, 6 * cx
+            interpolate(
+                coarse, (plane + j0) * apart + i, (plane + j1) * apart + i, (plane1 + j0) * apart + i,
+                (plane1 + j1) * apart + i, cx, share[1][j], share[0][k], n, blended,
+            )  # fmt: skip
+            solve(blended, work, large)
+        elif side_steps > 0:
+            solve(best, work, large)
+        if side_steps > 0:
+            blend_sides(
+                tensors, scores, large, inverse_h, side_steps, x, step, n, y, z, ny, pitch, channels,
+                aim, one, other, floor, better, total, best,
+            )  # fmt: skip
+        if two_scales and planar:
+            solve(best, work, small)
+            for m in range(CHUNK):
+                press[m] = FLATNESS * max(small[m], ZERO)
+            press_flat(best, press, large)
+        solve(best, work, small)
+        if two_scales and planar:
+            _release(small, press, large)
+        if two_scales or side_steps > 0:
+            _orthogonal(small, large)
+            judge_by = large
+        else:
+            judge_by = small
+        _axes(small, judge_by, frame)
+        _certainty(small, judge_by, scale, samples, frame)
+        o = first + (k * oy + j) * ox + i
+        _store_vectors(frame, N(0), fibre, o, n)
+        _store_vectors(frame, N(3), normal, o, n)
+        _store_vectors(frame, N(6), values, o, n)
+        _store_certainty(frame, confidence, planarity, predicted, o, n)
+        _judge(frame, least_energy, least_confidence, valid, o, n)

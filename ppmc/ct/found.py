@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from ppmc.ct.block import Box
 
-EVERY = 2
+EVERY = 4
 """Of large results every so many voxels along each axis are looked at: A and N change by a thousandth or so."""
 LARGE = 2**20
 """Output voxels from which a result is large."""
-ERRORS = np.linspace(0.0, 90.0, 9001)
-"""Edges of the bins, degrees, from which the median of the predicted error is taken."""
+BINS = 9000
+"""Bins up to a right angle from which the median of the predicted error is taken."""
 
 
 class Found:
@@ -30,7 +30,7 @@ class Found:
         self._every = EVERY if int(np.prod(shape)) >= LARGE else 1
         self._count = self._valid = 0
         self._confidence = 0.0
-        self._errors = np.zeros(len(ERRORS) - 1, np.int64)
+        self._errors = np.zeros(BINS, np.int64)
         self._tensors = {name: np.zeros((3, 3)) for name in ("fibre_direction", "platelet_normal")}
 
     def add(self, fields: dict[str, NDArray[Any]], box: Box) -> None:
@@ -40,11 +40,21 @@ class Found:
         self._count += valid.size
         self._valid += int(valid.sum())
         self._confidence += float(fields["confidence"][some][valid].sum(dtype=np.float64))
-        self._errors += np.histogram(fields["predicted_error"][some][valid], ERRORS)[0]
+        bins = (fields["predicted_error"][some][valid] * (BINS / 90.0)).astype(np.int64)
+        self._errors += np.bincount(np.minimum(bins, BINS - 1), minlength=BINS)
         for name, tensor in self._tensors.items():
             if name in fields:
                 v = fields[name][some][valid].astype(np.float64)
                 tensor += v.T @ v
+
+    def join(self, other: Found) -> None:
+        """Count what another has counted."""
+        self._count += other._count
+        self._valid += other._valid
+        self._confidence += other._confidence
+        self._errors += other._errors
+        for name, tensor in self._tensors.items():
+            tensor += other._tensors[name]
 
     def lines(self) -> list[str]:
         """Return what was found as text."""
@@ -54,7 +64,7 @@ class Found:
         half = int(np.searchsorted(np.cumsum(self._errors), 0.5 * self._errors.sum()))
         out = [
             f"found: p in {100 * share:.1f} % of the voxels, mean confidence {self._confidence / self._valid:.2f}, "
-            f"predicted error {0.5 * (ERRORS[half] + ERRORS[half + 1]):.2f} degrees (median)"
+            f"predicted error {(half + 0.5) * 90.0 / BINS:.2f} degrees (median)"
         ]
         for letter, tensor in zip("AN", self._tensors.values(), strict=True):
             if tensor.any():

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,10 +45,21 @@ LEAST_ENERGY = 1e-6
 
 @dataclass(frozen=True)
 class Block:
-    """Results of a tile: its output voxels (z, y, x), and fields (nz, ny, nx[, 3])."""
+    """Results of a tile.
+
+    Attributes
+    ----------
+    box : three pairs of int
+        Its output voxels (z, y, x).
+    fields : dict of ndarray, shape (nz, ny, nx[, 3])
+        What was found.
+    finished : object
+        What the caller's ``finish`` has made of them.
+    """
 
     box: Box
     fields: dict[str, NDArray[np.generic]]
+    finished: Any = None
 
 
 @dataclass(frozen=True)
@@ -71,6 +82,8 @@ class Job:
         Linearity below which a voxel is invalid.
     noise : ndarray, shape (6,)
         Mean tensor of the noise, in units of the reference.
+    normals : bool
+        Whether platelet normals are wanted.
     """
 
     volume: Volume
@@ -80,6 +93,7 @@ class Job:
     stride: int = 1
     least_confidence: float = 0.0
     noise: Floats | None = None
+    normals: bool = True
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -251,21 +265,31 @@ def cells_of(job: Job) -> Cells | None:
 
 
 def compute_tiles(
-    job: Job, cells: Cells | None, boxes: list[Box], pool: ThreadPoolExecutor, threads: int
+    job: Job,
+    cells: Cells | None,
+    boxes: list[Box],
+    pool: ThreadPoolExecutor,
+    threads: int,
+    finish: Callable[[dict[str, NDArray[Any]], Box], Any] | None = None,
 ) -> Iterator[Block]:
-    """Yield the orientations of some tiles in the order given; a few buffers go round among the threads."""
+    """Yield the orientations of some tiles in the order given; a few buffers go round among the threads.
+
+    ``finish`` works on a tile's fields, on the thread that has found them.
+    """
     largest = max((tuple(b - a for a, b in box) for box in boxes), key=lambda n: n[0] * n[1] * n[2], default=(1, 1, 1))
     free = [empty_fields(largest) for _ in range(min(threads + 1, len(boxes)))]  # type: ignore[arg-type]
     waiting = iter(boxes)
-    running: deque[tuple[Box, dict[str, NDArray[Any]], Future[dict[str, NDArray[Any]]]]] = deque()
+    running: deque[tuple[Box, dict[str, NDArray[Any]], Future[tuple[dict[str, NDArray[Any]], Any]]]] = deque()
 
-    def work(box: Box, buffer: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    def work(box: Box, buffer: dict[str, NDArray[Any]]) -> tuple[dict[str, NDArray[Any]], Any]:
         k = job.stride
         fields = _views(buffer, tuple(b - a for a, b in box))
         beyond = (side_halo(job.chosen) + r for r in wide_reach(job.chosen))
         voxels: Any = tuple((a * k - m, (b - 1) * k + 1 + m) for (a, b), m in zip(box, beyond, strict=True))
         orient(job, box, None if cells is None else cells.around(voxels), fields)
-        return fields
+        if not job.normals:
+            del fields["platelet_normal"], fields["planarity"]
+        return fields, finish(fields, box) if finish is not None else None
 
     while True:
         while free and (box := next(waiting, None)) is not None:
@@ -274,7 +298,7 @@ def compute_tiles(
         if not running:
             return
         box, buffer, future = running.popleft()
-        yield Block(box, future.result())
+        yield Block(box, *future.result())
         free.append(buffer)
 
 

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +39,8 @@ from ppmc.files import (
     is_product,
     one_writer,
 )
+from ppmc.files.chunks import rounded
+from ppmc.files.voxels import Packed, chunks_of
 from ppmc.notices import notice
 from ppmc.progress import Progress
 from ppmc.scene.depends import of_ct, of_phantom
@@ -47,7 +50,6 @@ if TYPE_CHECKING:
     from ppmc.scene import Scene
     from ppmc.scene.sections.ct import CtSection
 
-Keep = Callable[[Fields, Box], None]
 JOB_THREADS = 4
 """Threads for which work that may go on elsewhere is cut, unless the scene says: all machines must cut it alike."""
 
@@ -167,32 +169,36 @@ def run(
         threads = min(threads, threads_of(section.threads))
         provenance = Provenance.of(scene, depends)
         boxes = tiles.boxes()
-        found = Found(job.shape)
+        total = Found(job.shape)
         parts = Parts(output.with_name(f"{output.name}.parts"), provenance, tiles) if keeps else None
         if part is not None:
             boxes = boxes[part[0] - 1 :: part[1]]
         if parts is not None:
             boxes = parts.missing(boxes)
         with scratch_file(output) as scratch, ExitStack() as stack:
-            keep = parts.keep if parts else stack.enter_context(_writer(output, job, grid, provenance))
+            writer = None if parts is not None else stack.enter_context(_writer(output, job, grid, provenance))
             fill = 2 * len(boxes) > len(tiles.boxes())
-            for fields, box in _measured(
-                job, grid, cells, boxes, threads, fill=fill, scratch=None if kept else scratch
-            ):
-                keep(fields, box)
-                found.add(fields, box)
+            for tile, box in _measured(
+                job, grid, cells, boxes, threads, fill=fill, scratch=None if kept else scratch,
+                packed=None if writer is None else writer.packed,
+            ):  # fmt: skip
+                if parts is not None:
+                    parts.keep(tile.fields, box)
+                elif writer is not None:
+                    _put(writer, tile, box)
+                total.join(tile.found)
         if part is not None and parts is not None:
             return parts.folder
         if parts is not None:
-            found = Found(job.shape)
-            with _writer(output, job, grid, provenance) as keep:
+            total = Found(job.shape)
+            with _writer(output, job, grid, provenance) as out:
                 for box in tiles.boxes():
                     fields = parts.read(box)
-                    keep(fields, box)
-                    found.add(fields, box)
+                    _put(out, Tile(fields, total, out.packed(fields, box)), box)
+                    total.add(fields, box)
             parts.remove()
         if tell is not None:
-            for line in found.lines():
+            for line in total.lines():
                 tell(line)
     return output
 
@@ -224,23 +230,23 @@ def measure(scene: Scene, volume: Volume) -> MemoryVoxels:
     kept = 0.0 if cells is None else cells.nbytes / MIB
     threads, tiles = _cut(job, section, section.memory - kept, section.threads or threads_of(0))
     out = grid.strided(job.stride)
-    specs = {spec.name: spec for spec in FIELDS["orientations"] if spec.name in FIELD_NAMES}
+    specs = {spec.name: spec for spec in FIELDS["orientations"] if spec.name in _names(job)}
     arrays = {
         name: np.zeros((*out.shape, *((spec.components,) if spec.components > 1 else ())), spec.dtype)
         for name, spec in specs.items()
     }
-    for fields, box in _measured(job, grid, cells, tiles.boxes(), min(threads, threads_of(section.threads))):
-        for name, values in fields.items():
+    for tile, box in _measured(job, grid, cells, tiles.boxes(), min(threads, threads_of(section.threads))):
+        for name, values in tile.fields.items():
             at = tuple(slice(first, first + n) for (first, _), n in zip(box, values.shape, strict=False))
-            arrays[name][at] = values
+            arrays[name][at] = rounded(np.ascontiguousarray(values, specs[name].dtype), specs[name])
     return MemoryVoxels("orientations", arrays, grid=out, provenance=Provenance("ppmc.ct"))
 
 
 def _measured(
     job: Job, grid: VoxelGrid, cells: Cells | None, boxes: list[Box], threads: int, *, fill: bool = True,
-    scratch: Path | None = None,
-) -> Iterator[tuple[Fields, Box]]:  # fmt: skip
-    """Yield the fields of each tile, their vectors in tool coordinates, and its place.
+    scratch: Path | None = None, packed: Callable[[Fields, Box], Packed | None] | None = None,
+) -> Iterator[tuple[Tile, Box]]:  # fmt: skip
+    """Yield each tile, its vectors in tool coordinates, and its place.
 
     Parameters
     ----------
@@ -248,12 +254,21 @@ def _measured(
         Whether sums over cells are made for the whole volume first.
     scratch : Path, optional
         File in which they are kept; in memory if left out.
+    packed : callable, optional
+        Makes a tile's fields ready for the file, on the thread that has found them.
     """
+
+    def finish(fields: Fields, box: Box) -> Tile:
+        turned = {name: in_tool_axes(name, values, grid) for name, values in fields.items()}
+        found = Found(job.shape)
+        found.add(turned, box)
+        return Tile(turned, found, None if packed is None else packed(turned, box))
+
     with ThreadPoolExecutor(threads) as pool, Progress("structure tensor", total=len(boxes), unit="tiles") as bar:
         if cells is not None and fill:
             cells.fill(pool, scratch)
-        for block in compute_tiles(job, cells, boxes, pool, threads):
-            yield {name: in_tool_axes(name, values, grid) for name, values in block.fields.items()}, block.box
+        for block in compute_tiles(job, cells, boxes, pool, threads, finish):
+            yield block.finished, block.box
             bar.advance()
 
 
@@ -264,6 +279,7 @@ def _cut(job: Job, section: CtSection, memory: float, threads: int) -> tuple[int
             return threads, tiling(
                 job.shape, job.chosen, stride=job.stride, budget=memory, threads=threads,
                 itemsize=job.volume.dtype.itemsize, masked=job.volume.read_mask is not None,
+                chunk=chunks_of(job.shape),
             )  # fmt: skip
         except SceneError:
             if section.threads > 0 or threads == 1:
@@ -271,16 +287,34 @@ def _cut(job: Job, section: CtSection, memory: float, threads: int) -> tuple[int
             threads //= 2
 
 
-@contextmanager
-def _writer(output: Path, job: Job, grid: VoxelGrid, provenance: Provenance) -> Iterator[Keep]:
-    """Open the output and yield a function that writes the fields of a tile to it."""
-    with VoxelWriter(output, "orientations", FIELD_NAMES, grid=grid.strided(job.stride), provenance=provenance) as out:
+@dataclass(frozen=True)
+class Tile:
+    """A finished tile: its fields, what was found, and the chunks of the file that it fills, if they are whole."""
 
-        def keep(fields: Fields, box: Box) -> None:
-            for name, values in fields.items():
-                out.write(name, box[0][0], values, box[1][0], box[2][0])
+    fields: Fields
+    found: Found
+    packed: Packed | None
 
-        yield keep
+
+def _writer(output: Path, job: Job, grid: VoxelGrid, provenance: Provenance) -> VoxelWriter:
+    """Return the writer of the output."""
+    return VoxelWriter(
+        output, "orientations", _names(job), grid=grid.strided(job.stride), provenance=provenance, compact=True
+    )
+
+
+def _names(job: Job) -> list[str]:
+    """Return the fields that are found."""
+    return [name for name in FIELD_NAMES if job.normals or name not in ("platelet_normal", "planarity")]
+
+
+def _put(writer: VoxelWriter, tile: Tile, box: Box) -> None:
+    """Write a tile."""
+    if tile.packed is not None:
+        writer.put(tile.packed)
+        return
+    for name, values in tile.fields.items():
+        writer.write(name, box[0][0], values, box[1][0], box[2][0])
 
 
 @contextmanager
@@ -420,6 +454,7 @@ def _plan(
         stride=section.stride,
         least_confidence=section.least_confidence,
         noise=noise,
+        normals=section.normals,
     )
     return job, signal, level
 

@@ -16,7 +16,8 @@ from ppmc.errors import SceneError
 MIB = 2**20
 BASE_BYTES = 280 * MIB
 """What the interpreter, the compiled kernels and the file libraries take before any voxel is read."""
-FIELD_BYTES = 49
+FIELD_BYTES = 49 + 27
+"""Bytes of an output voxel: its fields, and what the file will hold of them, at most."""
 CELL_BYTES = 80
 """Sums of a cell of the large window, before and after each of its passes, and the tensors made of them."""
 BATCH = 16
@@ -26,7 +27,8 @@ PLANES = 12
 FIXED, GRADIENT, FRESH, STEERED, FOLLOWED = 1.0, 1.5, 3.0, 4.0, 3.0
 """Time that an output voxel, a voxel read, a voxel of a buffer that the system must first clear, a voxel with a
 steered window and one at which a window that follows the fibre may be take."""
-SIDES = (1024, 512, 256, 128, 96, 64, 48, 32, 16)
+SIDES = (64, 48, 32, 16)
+MULTIPLES = (32, 16, 12, 8, 6, 4, 3, 2, 1)
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,7 @@ def tiling(
     threads: int,
     itemsize: int,
     masked: bool,
+    chunk: tuple[int, int, int] = (16, 16, 16),
 ) -> Tiling:
     """Return the quickest tiling whose tiles, one for each thread and one being written, fit.
 
@@ -136,6 +139,8 @@ def tiling(
         Bytes of a grey value.
     masked : bool
         Whether there is a mask.
+    chunk : tuple of int
+        Extent of the file's chunks (z, y, x): tiles hold whole ones, unless only smaller tiles fit.
 
     Raises
     ------
@@ -147,8 +152,17 @@ def tiling(
     whole = shape[0] * shape[1] * shape[2]
     best: tuple[float, tuple[int, int, int]] | None = None
     least = 0
-    sides = [sorted({min(n, s) for s in SIDES}, reverse=True) for n in shape]
-    for tile in itertools.product(sides[0], sides[1], sides[2]):
+    whole_ones = [sorted({min(n, s * c) for s in MULTIPLES}, reverse=True) for n, c in zip(shape, chunk, strict=True)]
+    smaller = [sorted({min(n, s) for s in SIDES}, reverse=True) for n in shape]
+    candidates = itertools.chain(
+        itertools.product(*whole_ones), [None], itertools.product(smaller[0], smaller[1], smaller[2])
+    )
+    for candidate in candidates:
+        if candidate is None:
+            if best is not None:
+                break
+            continue
+        tile = (candidate[0], candidate[1], candidate[2])
         outputs = tile[0] * tile[1] * tile[2]
         need = tile_bytes(tile, chosen, stride, itemsize, masked) * threads + FIELD_BYTES * outputs
         least = need if least == 0 else min(least, need)

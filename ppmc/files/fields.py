@@ -82,7 +82,9 @@ VOLUME = (
 
 ORIENTATIONS = (
     _voxel("fibre_direction", "f4", 3, "1", "fibre direction p: least grey-value gradient", check="unit"),
-    _voxel("platelet_normal", "f4", 3, "1", "platelet normal r: greatest grey-value gradient", check="unit"),
+    _voxel(
+        "platelet_normal", "f4", 3, "1", "platelet normal r: greatest grey-value gradient", check="unit", required=False
+    ),
     _voxel("eigenvalues", "f4", 3, "grey^2/mm^2", "eigenvalues of the structure tensor, ascending", required=False),
     _voxel("confidence", "f4", 1, "1", "linearity of p, (l2-l1)/(l2+l1): 1 certain, 0 undefined", required=False),
     _voxel("planarity", "f4", 1, "1", "planarity of r, (l3-l2)/(l3+l2): 1 certain, 0 undefined", required=False),

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from ppmc.errors import InputFileError
 from ppmc.files import vtkhdf
-from ppmc.files.digests import BlockCheck, put_block_digests
+from ppmc.files.digests import LENGTH, BlockCheck, put_block_digests
 from ppmc.files.fields import FIELDS, field
 from ppmc.files.grid import VoxelGrid
 from ppmc.files.guard import (
@@ -34,11 +35,22 @@ from ppmc.files.hdf5_output import new_hdf5
 from ppmc.files.provenance import Provenance
 from ppmc.files.text import attribute, numbers
 
+if TYPE_CHECKING:
+    from ppmc.files.chunks import Chunk
+
 CHUNK = (32, 64, 64)
 VERIFIED_WHOLE = 2**24  # voxels; larger files are verified where they are read, and whole by `ppmc check`
 SLAB = 2**22
 Index = tuple[slice, slice, slice]
+Box = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
+Packed = dict[str, "list[Chunk]"]
 ALL: Index = (slice(None), slice(None), slice(None))
+
+
+def chunks_of(shape: tuple[int, int, int]) -> tuple[int, int, int]:
+    """Return the extent of the chunks of a voxel product: axes cut into equal parts, so that hardly any is empty."""
+    z, y, x = (-(-n // -(-n // m)) for n, m in zip(shape, CHUNK, strict=True))
+    return z, y, x
 
 
 class VoxelWriter:
@@ -58,6 +70,8 @@ class VoxelWriter:
         Origin of the file.
     grey_dtype : dtype
         Type of ``grey``, if that is among the fields: uint8, uint16 or float32.
+    compact : bool
+        Round values to what they are worth and compress them (see :mod:`ppmc.files.chunks`).
     """
 
     def __init__(
@@ -69,6 +83,7 @@ class VoxelWriter:
         grid: VoxelGrid,
         provenance: Provenance,
         grey_dtype: Any = np.uint8,
+        compact: bool = False,
     ) -> None:
         self.path = Path(path)
         self.product = product
@@ -76,21 +91,26 @@ class VoxelWriter:
         self._specs = {name: field(product, name) for name in names}
         self._provenance = provenance
         self._grey = np.dtype(grey_dtype)
+        self._compact = compact
         self._stack = ExitStack()
+        self.chunk = chunks_of(grid.shape)
+        self._digests: dict[str, NDArray[np.uint8]] = {}
+        self._loose: set[str] = set()
 
     def __enter__(self) -> VoxelWriter:
         with ExitStack() as stack:
             self._new = stack.enter_context(new_hdf5(self.path))
             self._file = self._new.file
             self._data = vtkhdf.image_header(vtkhdf.begin(self._file, "ImageData"), self.grid)
-            chunk = tuple(min(c, n) for c, n in zip(CHUNK, self.grid.shape, strict=True))
+            filters = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
             for name, spec in self._specs.items():
                 tail = () if spec.components == 1 else (spec.components,)
                 dataset = self._data.create_dataset(
                     name,
                     shape=(*self.grid.shape, *tail),
                     dtype=vtkhdf.stored_dtype(spec, self._grey),
-                    chunks=(*chunk, *tail),
+                    chunks=(*self.chunk, *tail),
+                    **(filters if self._compact else {}),
                 )
                 vtkhdf.describe(dataset, spec, self._provenance.creator)
             self._provenance.store(self._file, self.product)
@@ -100,9 +120,54 @@ class VoxelWriter:
     def write(self, name: str, z0: int, slab: NDArray[Any], y0: int = 0, x0: int = 0) -> None:
         """Write a block of a field, shape (kz, ky, kx[, components]), its first voxel at [z0, y0, x0]."""
         spec = self._specs[name]
-        stored = vtkhdf.as_stored(slab, spec, slab.shape[:3])
         kz, ky, kx = slab.shape[:3]
+        if self._compact:
+            packed = self.packed({name: slab}, ((z0, z0 + kz), (y0, y0 + ky), (x0, x0 + kx)))
+            if packed is not None:
+                self.put(packed)
+                return
+            from ppmc.files.chunks import rounded
+
+            slab = rounded(slab, spec)
+        stored = vtkhdf.as_stored(slab, spec, slab.shape[:3])
         self._data[name][z0 : z0 + kz, y0 : y0 + ky, x0 : x0 + kx] = stored
+        self._loose.add(name)
+        self._new.check()
+
+    def packed(self, fields: Mapping[str, NDArray[Any]], box: Box) -> Packed | None:
+        """Return the chunks of fields in a box of voxels (z, y, x), ready for :meth:`put`; may be called on any thread.
+
+        None where the box holds others than whole chunks: then :meth:`write` has to do.
+        """
+        from ppmc.files.chunks import made
+
+        ranges = []
+        for (a, b), n, c in zip(box, self.grid.shape, self.chunk, strict=True):
+            if a % c or (b % c and b != n):
+                return None
+            ranges.append(range(a // c, -(-b // c)))
+        out: Packed = {}
+        for name, values in fields.items():
+            spec = self._specs[name]
+            whole = self.chunk if spec.components == 1 else (*self.chunk, spec.components)
+            values = vtkhdf.as_stored(values, spec, values.shape[:3])
+            out[name] = []
+            for at in itertools.product(*ranges):
+                cut = tuple(slice(k * c - a, (k + 1) * c - a) for k, c, (a, _) in zip(at, self.chunk, box, strict=True))
+                out[name].append(made(values[cut], spec, at, whole))
+        return out
+
+    def put(self, packed: Packed) -> None:
+        """Write chunks as they are."""
+        for name, chunks in packed.items():
+            data = self._data[name]
+            if name not in self._digests:
+                counts = [-(-n // c) for n, c in zip(data.shape, data.chunks, strict=True)]
+                self._digests[name] = np.zeros((*counts, LENGTH), np.uint8)
+            for chunk in chunks:
+                place = [k * c for k, c in zip(chunk.at, self.chunk, strict=True)] + [0] * (data.ndim - 3)
+                data.id.write_direct_chunk(tuple(place), chunk.stored)
+                self._digests[name][chunk.at].reshape(-1)[:] = np.frombuffer(chunk.digest, np.uint8)
         self._new.check()
 
     def __exit__(
@@ -110,8 +175,9 @@ class VoxelWriter:
     ) -> None:
         if kind is None:
             try:
-                for data in self._data.values():
-                    put_block_digests(data, data.chunks)
+                for name, data in self._data.items():
+                    known = None if name in self._loose else self._digests.get(name)
+                    put_block_digests(data, data.chunks, known)
             except BaseException as failure:
                 if not self._stack.__exit__(type(failure), failure, failure.__traceback__):
                     raise

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import hashlib
 import inspect
 import textwrap
 from typing import Annotated, Any
@@ -47,3 +48,18 @@ def _described(section: type[Section]) -> list[tuple[str, str]]:
         and isinstance(text.value, ast.Constant)
         and isinstance(text.value.value, str)
     ]
+
+
+def description_of(law: Any) -> dict[str, Any]:
+    """Return what a file keeps of a law that is no section: its class, its constants and a digest of its source.
+
+    Two runs with another formula under the same name must not be taken for one; where Python cannot tell the source of
+    a class (typed at a prompt), its name has to do.
+    """
+    kind = type(law)
+    constants = {k: v for k, v in sorted(vars(law).items()) if isinstance(v, int | float | str | bool)}
+    try:
+        source = hashlib.sha256(inspect.getsource(kind).encode()).hexdigest()[:16]
+    except (OSError, TypeError):
+        source = "unknown"
+    return {"class": f"{kind.__module__}.{kind.__qualname__}", **constants, "source": source}

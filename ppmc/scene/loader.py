@@ -20,7 +20,7 @@ MOST_VALUES = 20_000  # a second of reading
 DEEPEST = 40
 MOST_ERRORS_SHOWN = 8
 
-TAGS = ("shape", "source", "model", "kind")
+TAGS = ("shape", "source", "model", "kind", "law")
 """Keys that say which of several sections is meant."""
 
 Location = tuple[int | str, ...]

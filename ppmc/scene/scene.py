@@ -9,11 +9,11 @@ from typing import Any
 from pydantic import BaseModel, Field, PrivateAttr
 
 from ppmc.errors import SceneError
+from ppmc.materials import MaterialSection
 from ppmc.scene.base import Name, Section
 from ppmc.scene.sections.analysis import AnalysisSection
 from ppmc.scene.sections.charge import ChargeSection
 from ppmc.scene.sections.ct import CtSection
-from ppmc.scene.sections.material import MaterialSection
 from ppmc.scene.sections.phantom import PhantomSection
 from ppmc.scene.sections.solver import SolverSection
 from ppmc.scene.sections.tooling import Tool

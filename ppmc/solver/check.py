@@ -10,8 +10,9 @@ import numpy as np
 from ppmc.errors import SceneError
 from ppmc.geometry.tools.checks import SAMPLES_ALONG, check_tools_apart, idle_tools
 from ppmc.geometry.tools.toolset import ToolSet, compile_tools
+from ppmc.materials import Material
+from ppmc.materials.relations import axial_viscosity
 from ppmc.scene.sections.charge import UniformOrientation
-from ppmc.scene.sections.materials.relations import axial_viscosity
 from ppmc.solver.forecast.estimates import (
     FULL,
     Charge,
@@ -107,7 +108,7 @@ def _few_layers(plan: Plan, charge: Charge, tools: ToolSet) -> list[str]:
             f"charge.spacing: {thickness:.4g} mm of charge are a single layer of particles, across which no strain can"
             f" be seen; take at least {ENOUGH_LAYERS} layers, a spacing of {thickness / ENOUGH_LAYERS:.3g} mm there"
         )
-    if plan.layers in STICKING_ERROR and any(tool.wall != "slip" for tool in tools.tools):
+    if plan.layers in STICKING_ERROR and any(tool.wall.rubs for tool in tools.tools):
         return [
             f"{plan.layers} layers of particles do not resolve a flow that sticks to its walls: its force is up to"
             f" {STICKING_ERROR[plan.layers]} % too small; take a finer charge.spacing or charge.layers: 8"
@@ -117,9 +118,10 @@ def _few_layers(plan: Plan, charge: Charge, tools: ToolSet) -> list[str]:
     return []
 
 
-def _stiffness(plan: Plan, material: Any) -> str:
+def _stiffness(plan: Plan, material: Material) -> str:
     """Return K, and what it means for the volume (A5)."""
-    axial = axial_viscosity(material.ratio, material.shear)
+    reference = material.reference(plan.final_rate)
+    axial = axial_viscosity(reference.ratio, reference.shear)
     ratio = plan.bulk_modulus / (axial * plan.final_rate)
     told = (
         f"bulk modulus K = {plan.bulk_modulus:.4g} Pa, {ratio:.3g} x eta11 x closing rate of {plan.final_rate:.3g} 1/s "
@@ -131,10 +133,10 @@ def _stiffness(plan: Plan, material: Any) -> str:
     return told
 
 
-def _inertia(plan: Plan, material: Any) -> str:
+def _inertia(plan: Plan, material: Material) -> str:
     """Return the scaled density and the Reynolds number (J10, J12)."""
     speed = max(plan.speed, plan.rate * plan.thickness)
-    reynolds = plan.density * speed * plan.thickness / ((material.ratio + 2.0) * material.shear)
+    reynolds = plan.density * speed * plan.thickness / material.reference(plan.rate).squeeze
     told = (
         f"density {plan.density:.4g} g/mm^3, {plan.density / UNSCALED_DENSITY:.3g} x unscaled "
         f"(1.6e{math.log10(plan.density / 1.6):+.2f}): Reynolds number {reynolds:.3g}"
@@ -144,7 +146,7 @@ def _inertia(plan: Plan, material: Any) -> str:
     return told
 
 
-def _cost(settings: Any, material: Any, plan: Plan, charge: Charge, unlike: bool, fills: bool) -> list[str]:
+def _cost(settings: Any, material: Material, plan: Plan, charge: Charge, unlike: bool, fills: bool) -> list[str]:
     """Return steps, memory and a rough CPU time."""
     if settings.integrator == "explicit":
         viscous, acoustic, used = explicit_steps(

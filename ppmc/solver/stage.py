@@ -173,4 +173,6 @@ def solve(
     reach = float(spacing_of(charge).max())
     for line in idle_tools(model.walls.tools, charge.positions, reach, model.settings.end_time):
         tell(line)
+    for line in model.material.remarks(charge.positions):
+        tell(line)
     Simulation(model, state, record).run(resume, max_walltime)

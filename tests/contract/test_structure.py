@@ -12,13 +12,14 @@ import pytest
 
 ROOT = Path(__file__).parents[2] / "ppmc"
 STAGES = ("ct", "charge", "solver", "analysis")
-CORE = ("scene", "files", "orientation", "geometry")
+CORE = ("scene", "files", "orientation", "geometry", "materials", "walls")
 CLIENTS = {"chain", "cli", "api", "tools"}  # what knows all stages, and what is for users alone
+LAWS = ("materials", "walls")  # sections of scenes and laws of the solver in one file each
 # Rooms of a part from the ground up: each builds on those before it only, and the part's own files on all of them.
 ROOMS = {
     "geometry": ("surfaces", "tools", "cavity", "parts", "abaqus"),
     "charge": ("exchange", "orientations", "domains", "platelets", "figures"),
-    "solver": ("particles", "materials", "walls", "sph", "linear", "step", "grid", "run", "forecast"),
+    "solver": ("particles", "walls", "sph", "linear", "step", "grid", "run", "forecast"),
     "analysis": ("averages", "flow", "mesh", "figures", "report"),
 }
 MOST_FILES = 12  # of a room, so that one sees at a glance what is in it
@@ -56,6 +57,13 @@ def test_core_does_not_import_stages(part: str) -> None:
         assert not others, f"{path.relative_to(ROOT)} imports {others}"
 
 
+@pytest.mark.parametrize("part", LAWS)
+def test_laws_need_nothing_but_the_units_of_scenes(part: str) -> None:
+    for path in (ROOT / part).rglob("*.py"):
+        others = {m for m in imports(path) if m.startswith("ppmc.") and not m.startswith(f"ppmc.{part}")}
+        assert all(m.startswith(("ppmc.scene.base", "ppmc.scene.units")) for m in others), f"{path.name}: {others}"
+
+
 @pytest.mark.parametrize("part", ROOMS)
 def test_rooms_build_on_the_rooms_below(part: str) -> None:
     rooms = ROOMS[part]
@@ -67,7 +75,7 @@ def test_rooms_build_on_the_rooms_below(part: str) -> None:
             assert not above, f"{path.relative_to(ROOT)} imports {above}"
 
 
-@pytest.mark.parametrize("part", ROOMS)
+@pytest.mark.parametrize("part", [*ROOMS, *LAWS])
 def test_no_room_is_crowded(part: str) -> None:
     for folder in [ROOT / part, *(d for d in (ROOT / part).rglob("*") if d.is_dir())]:
         files = [path for path in folder.glob("*.py") if path.name != "__init__.py"]

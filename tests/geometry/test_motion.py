@@ -9,7 +9,6 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from ppmc.errors import SceneError
-from ppmc.geometry.tools.packed import NAVIER, NO_SLIP, SLIP
 from ppmc.geometry.tools.toolset import ToolSet, compile_tools
 from ppmc.scene.sections.tooling import Tool
 
@@ -57,8 +56,7 @@ def test_forced_tool_and_walls(tools: ToolSet) -> None:
     (control,) = tools.motions.forced
     assert (control.tool, control.force, control.max_speed, control.travel) == (3, 5e8, 5.0, 2.0)
     assert control.direction.tolist() == [0, 0, -1]
-    assert tools.arrays.wall.tolist() == [SLIP, NO_SLIP, NAVIER, SLIP]
-    assert tools.arrays.friction.tolist() == [0, 0, 2, 0]
+    assert [tool.wall.slip_length for tool in tools.tools] == [math.inf, 0.0, 0.5, math.inf]
 
 
 def test_moving_a_tool_moves_its_distance(tools: ToolSet, cloud: np.ndarray) -> None:

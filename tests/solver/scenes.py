@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmc.geometry.tools.toolset import compile_tools
-from ppmc.scene.sections.materials.transversely_isotropic import TransverselyIsotropic
+from ppmc.materials import Material
+from ppmc.materials.transversely_isotropic import TransverselyIsotropic
 from ppmc.scene.sections.solver import SolverSection
 from ppmc.scene.sections.tooling import PlaneTool
 from ppmc.solver.particles.state import ParticleState
@@ -59,9 +60,12 @@ class Squeeze:
 def make_squeeze(
     shape: tuple[int, int, int] = (8, 8, 6), ratio: float = 1.0, reduction: float = 0.5, angle: float = 0.0,
     jitter: float = 0.0, directions: np.ndarray | None = None, bulk_ratio: float = 300.0,
-    walls: tuple = (), wall: object = "slip", **settings: object,
+    walls: tuple = (), wall: object = "slip", material: Material | None = None, **settings: object,
 ) -> ImplicitIntegrator:  # fmt: skip
-    """Integrator of a block between plates; eta23 = 1 Pa s, ram at constant speed to `reduction` of the height."""
+    """Integrator of a block between plates; ram at constant speed to `reduction` of the height.
+
+    The material has eta23 = 1 Pa s and the given `ratio`, if no other is given.
+    """
     positions, height = lattice(shape, jitter), float(shape[2])
     n = len(positions)
     motion = {"velocity": (0, 0, -height * (1.0 - reduction))}
@@ -74,7 +78,8 @@ def make_squeeze(
     tools = compile_tools(planes)
     faces = Walls(tools, np.ones(3))
     section = SolverSection(end_time=1.0, **settings)
-    material = TransverselyIsotropic(shear_viscosity=1.0, anisotropy_ratio=ratio)
+    if material is None:
+        material = TransverselyIsotropic(shear_viscosity=1.0, anisotropy_ratio=ratio)
     if directions is None:
         a = np.radians(angle)
         directions = np.tile([np.cos(a), np.sin(a), 0.0], (n, 1))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ppmc.geometry.tools.toolset import compile_tools
-from ppmc.scene.sections.materials.transversely_isotropic import TransverselyIsotropic
+from ppmc.materials.transversely_isotropic import TransverselyIsotropic
 from ppmc.scene.sections.solver import SolverSection
 from ppmc.scene.sections.tooling import CylinderTool, PlaneTool
 from ppmc.solver.linear.rigid_modes import Pieces, free_rigid_modes

@@ -5,14 +5,14 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from ppmc.scene.sections.materials.relations import (
+from ppmc.materials.planar_uniform import three_axes
+from ppmc.materials.relations import (
     axial_viscosity,
     ratio_from_aspect,
     ratio_from_viscosities,
     shear_factor,
     transverse_viscosity,
 )
-from ppmc.solver.materials.planar_uniform import three_axes
 from ppmc.solver.sph.viscosity import viscosity_tensor, viscous_stress
 
 RATIOS = [1.0, 7.3, 116.0, 1000.0, 61215.0]

@@ -18,8 +18,8 @@ from ppmc.charge.stage import run as fill_charge
 from ppmc.files import open_series, read_particles
 from ppmc.geometry.parts.pin_bracket import PinBracket
 from ppmc.geometry.tools.toolset import compile_tools
+from ppmc.materials.transversely_isotropic import TransverselyIsotropic
 from ppmc.scene import parse_scene
-from ppmc.scene.sections.materials.transversely_isotropic import TransverselyIsotropic
 from ppmc.scene.sections.solver import SolverSection
 from ppmc.scene.sections.tooling import Tool
 from ppmc.solver.particles.kernel_shape import lattice_of

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ppmc.scene.sections.materials.orientation_mixture import OrientationMixture
+from ppmc.materials.orientation_mixture import OrientationMixture
 from tests.solver.scenes import make_squeeze, squeeze
 
 SHAPE = (10, 8, 6)

@@ -4,19 +4,20 @@ import numpy as np
 import pytest
 
 from ppmc.geometry.tools.toolset import compile_tools
-from ppmc.scene.sections.tooling import NavierFriction
 from ppmc.solver.walls.tools import Walls
+from ppmc.walls import NavierFriction, NoSlip, Slip
 from tests.solver.scenes import make_squeeze
 
 LAYERS, RATIO, SPEED = 6, 4.0, 3.0
 STEPS, TIME_STEP = 18, 5e-3  # until the bulk penalty has built up the pressure
 
 
-def squeezed_disk(wall) -> tuple[float, float, float]:
-    """Force on the ram, Pa mm^2, and the radius and height, mm, to which it belongs; viscosity 1 Pa s."""
-    radius = RATIO * LAYERS
+def squeezed_disk(wall, layers: int = LAYERS, material=None) -> tuple[float, float, float]:
+    """Force on the ram, Pa mm^2, and the radius and height, mm, to which it belongs; viscosity 1 Pa s, if not given."""
+    radius = RATIO * layers
     side = int(2 * radius)
-    integrator = make_squeeze((side, side, LAYERS), reduction=0.5, bulk_ratio=1000.0)
+    reduction = 1.0 - SPEED / layers
+    integrator = make_squeeze((side, side, layers), reduction=reduction, bulk_ratio=1000.0, material=material)
     state, walls = integrator.state, integrator.model.walls
     state.reorder(np.flatnonzero(np.hypot(state.position[:, 0] - radius, state.position[:, 1] - radius) < radius))
     state.original = np.arange(len(state))
@@ -28,8 +29,9 @@ def squeezed_disk(wall) -> tuple[float, float, float]:
     integrator.initialise(0.0, TIME_STEP)
     for k in range(STEPS):
         report = integrator.step(k * TIME_STEP, TIME_STEP)
-    height = LAYERS - SPEED * (STEPS - 0.5) * TIME_STEP
-    return float(report.tool_force[1, 2]), radius * np.sqrt(LAYERS / height), height
+    assert report.unconverged == 0
+    height = layers - SPEED * (STEPS - 0.5) * TIME_STEP
+    return float(report.tool_force[1, 2]), radius * np.sqrt(layers / height), height
 
 
 def slip_force(radius: float, height: float) -> float:
@@ -37,7 +39,7 @@ def slip_force(radius: float, height: float) -> float:
 
 
 def test_slip():
-    force, radius, height = squeezed_disk("slip")
+    force, radius, height = squeezed_disk(Slip())
     assert force == pytest.approx(slip_force(radius, height), rel=0.02)
 
 
@@ -50,5 +52,5 @@ def test_wall_friction():
 
 
 def test_stefan():
-    force, radius, height = squeezed_disk("no_slip")
+    force, radius, height = squeezed_disk(NoSlip())
     assert force == pytest.approx(1.5 * np.pi * radius**4 * SPEED / height**3, rel=0.10)

@@ -11,14 +11,15 @@ import numpy as np
 import pytest
 
 from ppmc.geometry.tools.toolset import compile_tools
-from ppmc.scene.sections.materials.transversely_isotropic import TransverselyIsotropic
+from ppmc.materials.transversely_isotropic import TransverselyIsotropic
 from ppmc.scene.sections.solver import SolverSection
-from ppmc.scene.sections.tooling import NavierFriction, PlaneTool
+from ppmc.scene.sections.tooling import PlaneTool
 from ppmc.solver.particles.state import ParticleState
 from ppmc.solver.step.explicit import ExplicitIntegrator
 from ppmc.solver.step.implicit import ImplicitIntegrator
 from ppmc.solver.step.model import Model
 from ppmc.solver.walls.tools import Walls
+from ppmc.walls import NavierFriction
 from tests.solver.blocks import lattice
 
 RATIO, SPEED, AIR = 1000.0, 6.0, 1e6

@@ -7,8 +7,8 @@ premise: all of them see the same deformation.
 import numpy as np
 import pytest
 
-from ppmc.scene.sections.materials.orientation_mixture import OrientationMixture
-from ppmc.solver import materials
+from ppmc.materials.orientation_mixture import OrientationMixture
+from ppmc.solver.step.rheology import Rheology
 from tests.solver.scenes import make_squeeze, run_to_end
 
 DIRECTIONS, RATIO = 12, 116.0
@@ -24,7 +24,7 @@ def squeezed(compression: float):
         fractions=np.full(DIRECTIONS, 1.0 / DIRECTIONS),
     )  # fmt: skip
     result = run_to_end(integrator)
-    return result, materials.evaluate(integrator.model.material, result.state).directions
+    return result, Rheology(integrator.model, result.state, 1.0).directions
 
 
 def fourth_moment(compression: float) -> float:

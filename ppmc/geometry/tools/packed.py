@@ -10,9 +10,6 @@ from numpy.typing import NDArray
 PLANE, BOX, CYLINDER, EXTRUSION, REVOLUTION, MESH = range(6)
 """Codes of `ToolArrays.kind`."""
 
-SLIP, NAVIER, NO_SLIP = range(3)
-"""Codes of `ToolArrays.wall`."""
-
 SEGMENT_COLUMNS = 12
 """Columns of `ToolArrays.segments`, see there."""
 
@@ -53,7 +50,3 @@ class ToolArrays(NamedTuple):
     """(tools,) spacing of the grid."""
     grid_values: NDArray[np.float32]
     """(nodes,) signed distances, x fastest, negative in the shape."""
-    wall: NDArray[np.int64]
-    """(tools,) wall law code."""
-    friction: NDArray[np.float64]
-    """(tools,) Navier friction coefficient, Pa s/mm; 0 for other walls."""

@@ -21,12 +21,9 @@ from ppmc.geometry.tools.packed import (
     CYLINDER,
     EXTRUSION,
     MESH,
-    NAVIER,
-    NO_SLIP,
     PLANE,
     REVOLUTION,
     SEGMENT_COLUMNS,
-    SLIP,
     ToolArrays,
 )
 from ppmc.scene.sections.tooling import (
@@ -34,7 +31,6 @@ from ppmc.scene.sections.tooling import (
     CylinderTool,
     ExtrusionTool,
     MeshTool,
-    NavierFriction,
     PlaneTool,
     RevolutionTool,
     Rotation,
@@ -139,7 +135,7 @@ def compile_tools(tooling: Mapping[str, Tool], directory: Path | None = None) ->
     packed = [_pack(tool, name, directory or Path()) for name, tool in tooling.items()]
     tools = list(tooling.values())
     motions = ToolMotions([tool.motion for tool in tools])
-    return ToolSet(tuple(tooling), _join(packed, tools), motions, tuple(tools), tuple(p.surface for p in packed))
+    return ToolSet(tuple(tooling), _join(packed), motions, tuple(tools), tuple(p.surface for p in packed))
 
 
 def _pack(tool: Tool, name: str, directory: Path) -> _Packed:
@@ -269,16 +265,12 @@ def _axes_about(axis: FloatArray) -> FloatArray:
     return np.stack([first, np.cross(axis, first), axis])
 
 
-def _join(packed: list[_Packed], tools: list[Tool]) -> ToolArrays:
+def _join(packed: list[_Packed]) -> ToolArrays:
     """Return all tools in one tuple of arrays."""
     if not packed:
         raise SceneError("tooling: the scene has no tool; a squeeze needs at least two planes")
     counts = [len(p.segments) for p in packed]
     nodes = [p.grid_values.size for p in packed]
-    friction = [t.wall.friction if isinstance(t.wall, NavierFriction) else 0.0 for t in tools]
-    walls = [
-        NAVIER if f > 0 else NO_SLIP if t.wall == "no_slip" else SLIP for t, f in zip(tools, friction, strict=True)
-    ]
     return ToolArrays(
         kind=np.array([p.kind for p in packed], dtype=np.int64),
         side=np.array([p.side for p in packed]),
@@ -294,6 +286,4 @@ def _join(packed: list[_Packed], tools: list[Tool]) -> ToolArrays:
         grid_origin=np.stack([p.grid_origin for p in packed]).astype(float),
         grid_spacing=np.array([p.grid_spacing for p in packed], dtype=float),
         grid_values=np.concatenate([p.grid_values for p in packed]),
-        wall=np.array(walls, dtype=np.int64),
-        friction=np.array(friction, dtype=float),
     )

@@ -16,7 +16,6 @@ from ppmc.scene.base import Section
 from ppmc.scene.units import (
     Angle,
     Direction,
-    FrictionCoefficient,
     Length,
     LengthVector,
     NonNegativeLength,
@@ -28,6 +27,8 @@ from ppmc.scene.units import (
     Time,
     VelocityVector,
 )
+from ppmc.walls import Wall
+from ppmc.walls.slip import Slip
 
 
 class FixedMotion(Section):
@@ -113,19 +114,6 @@ Motion = Annotated[
 ]
 
 
-class NavierFriction(Section):
-    """A wall with a tangential traction in proportion to the sliding velocity, tau = friction * v."""
-
-    friction: FrictionCoefficient = Field(examples=["0.5 Pa*s/mm"])
-    """Wall friction coefficient, Pa s/mm."""
-
-
-Wall = Annotated[
-    Annotated[Literal["slip", "no_slip"], Tag("law")] | Annotated[NavierFriction, Tag("friction")],
-    Discriminator(lambda value: "law" if isinstance(value, str) else "friction"),
-]
-
-
 class Rotation(Section):
     """A turn about an axis through the tool's own centre or origin."""
 
@@ -140,8 +128,8 @@ class ToolBase(Section):
 
     motion: Motion = Field(default_factory=FixedMotion, examples=[{"velocity": [0, 0, "-3.55 mm/s"]}])
     """How the tool moves: nothing (fixed), `velocity`, `times` with `displacements`, or `force`."""
-    wall: Wall = Field(default="slip", examples=["slip"])
-    """Wall law: `slip` (no traction along the wall), `no_slip`, or `{friction: ...}` (Navier)."""
+    wall: Wall = Field(default_factory=Slip, examples=["slip", {"law": "coulomb", "coefficient": 0.2}])
+    """Wall law: `slip` (no traction along the wall), `no_slip`, `{friction: ...}` (Navier), or any by its `law`."""
 
 
 class PlaneTool(ToolBase):

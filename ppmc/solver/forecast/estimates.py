@@ -15,8 +15,9 @@ from ppmc.geometry.charge_bounds import charge_bounds
 from ppmc.geometry.domain import closed_domain
 from ppmc.geometry.tools.checks import ALONG
 from ppmc.geometry.tools.toolset import ToolSet
+from ppmc.materials import Material
+from ppmc.materials.relations import axial_viscosity
 from ppmc.scene.sections.charge import BoxDomain, ChargeSection, DrapedDomain
-from ppmc.scene.sections.materials.relations import axial_viscosity
 from ppmc.solver.run.setup import closing_motion, run_constants
 from ppmc.solver.step.explicit import SAFETY
 from ppmc.solver.step.time_step import event_times
@@ -143,7 +144,7 @@ def describe_charge(section: ChargeSection, scene: Scene, tools: ToolSet) -> Cha
     return Charge(volume / float(np.prod(spacing)), spacing, low, high, sheet)
 
 
-def make_plan(settings: Any, material: Any, tools: ToolSet, charge: Charge, closest: NarrowPlace | None) -> Plan:
+def make_plan(settings: Any, material: Material, tools: ToolSet, charge: Charge, closest: NarrowPlace | None) -> Plan:
     """Return the constants of a run, as :func:`ppmc.solver.run.setup.prepare` chooses them.
 
     `closest` is the narrowest place between tools that move against each other, at the end.
@@ -158,10 +159,11 @@ def make_plan(settings: Any, material: Any, tools: ToolSet, charge: Charge, clos
     return Plan(speed, thickness, layers, compression, rate, final_rate, bulk, density)
 
 
-def explicit_steps(material: Any, control: Any, plan: Plan, spacing: float) -> tuple[float, float, float]:
+def explicit_steps(material: Material, control: Any, plan: Plan, spacing: float) -> tuple[float, float, float]:
     """Return the stable steps, s, of the explicit integrator: viscous, acoustic, and the one that it would take."""
-    own = SHEAR_SHARE * material.shear + AXIAL_SHARE * axial_viscosity(material.ratio, material.shear)
-    bonds = (control.bond * (material.ratio + 2.0) ** (5.0 / 6.0) + control.smooth_flow) * material.shear
+    found = material.reference(plan.rate)
+    own = SHEAR_SHARE * found.shear + AXIAL_SHARE * axial_viscosity(found.ratio, found.shear)
+    bonds = (control.bond * (found.ratio + 2.0) ** (5.0 / 6.0) + control.smooth_flow) * found.shear
     mixed = math.hypot(own, BOND_SHARE * bonds)
     viscous = plan.density * spacing**2 / (2.0 * mixed)
     acoustic = spacing * math.sqrt(plan.density / plan.bulk_modulus)
@@ -180,13 +182,14 @@ def implicit_steps(settings: Any, plan: Plan) -> int:
 
 
 def implicit_work(
-    settings: Any, material: Any, plan: Plan, charge: Charge, unlike: bool, fills: bool
+    settings: Any, material: Material, plan: Plan, charge: Charge, unlike: bool, fills: bool
 ) -> tuple[int, int]:
     """Return about how many implicit steps, and iterations in all, a run takes.
 
     Parameters
     ----------
-    settings, material : sections `solver` and `material` of the scene
+    settings : section `solver` of the scene
+    material : Material
     plan : Plan
     charge : Charge
     unlike : bool

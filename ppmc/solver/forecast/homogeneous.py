@@ -1,20 +1,23 @@
-"""Finds scenes whose flow is a homogeneous squeeze, so that their answer is known before anything is run.
+r"""Finds scenes whose flow is a homogeneous squeeze, so that their answer is known before anything is run.
 
 A prism between two parallel plates that slip, its sides free or held by slip walls, deforms evenly if its viscosity is
-that of a Newtonian fluid, of collimated fibres or of planar random ones.
+that of a Newtonian fluid, of collimated fibres or of planar random ones. Which of these it is says the material itself
+(:meth:`ppmc.materials.law.Material.even_as`). Where the dissipation is :math:`f\eta_{23}\dot\varepsilon^2`, the
+effective rate is :math:`\sqrt f\dot\varepsilon`: shear thinning changes the force, and nothing else.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ppmc.geometry.domain import closed_domain
 from ppmc.geometry.tools.toolset import ToolSet
+from ppmc.materials import Material
 from ppmc.scene.sections.charge import BoxDomain, PlanarRandomOrientation, UniformOrientation
 from ppmc.scene.sections.tooling import CylinderTool, ExtrusionTool
 from ppmc.solver.forecast.closed_form import Case
@@ -178,14 +181,14 @@ def _answer(
 ) -> Squeeze | None:
     """Return the exact answer for a prism between plates, or None where its flow is not homogeneous."""
     assert scene.charge is not None
-    material: Any = scene.require("material")
+    material: Material = scene.require("material")
     box = isinstance(scene.charge.domain, BoxDomain)
     held, touching = _walls(tools, low, high, axis, gap.times[-1]) if box else (np.zeros((3, 2), dtype=bool), {})
     channel = np.flatnonzero(held.all(axis=1))
     fibres = _fibres(scene, axis)
     acting = _acting(material, fibres, bool(held.any()))
     oblique = isinstance(fibres, np.ndarray) and np.abs(fibres).max() < 1.0 - 1e-9
-    slip = all(tools.tools[k].wall == "slip" for k in {*gap.plates, *touching.values()})
+    slip = not any(tools.tools[k].wall.rubs for k in {*gap.plates, *touching.values()})
     if acting is None or not slip or len(channel) == 2 or (oblique and held.any()):
         return None
     case = Case(axis, int(channel[0]) if len(channel) else None, fibres, acting, material.ratio)
@@ -198,8 +201,8 @@ def _answer(
         f"{KINDS[acting]} charge {sides}",
         case.named_stretches(final),
         case.orientation(final),
-        _forces(gap, case, height, volume * material.shear),
-        acting != "planar" or material.model == "planar_uniform",
+        _forces(gap, case, height, volume, material),
+        acting != "planar" or material.even_as() == "planar",
     )
 
 
@@ -228,23 +231,28 @@ def _stays_between(
     return True
 
 
-def _acting(material: Any, fibres: Array | str | None, walls: bool) -> str | None:
+def _acting(material: Material, fibres: Array | str | None, walls: bool) -> str | None:
     """Return what the viscosity is that of, one of `KINDS`, or None if of nothing so simple."""
-    if material.ratio == 1.0:
-        return "newtonian"
-    if material.model == "planar_uniform":
+    kind = material.even_as()
+    if kind == "planar":
         # Next to a side wall the plane of its fibres is the wall's.
         return None if walls else "planar"
-    if material.model != "transversely_isotropic" or fibres is None:
-        return None
-    return "planar" if isinstance(fibres, str) else "collimated"
+    if kind != "fibres":
+        return kind
+    if isinstance(fibres, str):
+        # Stretched alike, fibres of all directions thin alike; between side walls some are stretched more.
+        return None if walls and material.rate_dependent else "planar"
+    return None if fibres is None else "collimated"
 
 
-def _forces(gap: _Gap, case: Case, height: float, volume_shear: float) -> tuple[tuple[float, float], ...]:
-    """Return time and press force where the squeeze begins and just before it ends; `volume_shear` is V eta23."""
+def _forces(
+    gap: _Gap, case: Case, height: float, volume: float, material: Material
+) -> tuple[tuple[float, float], ...]:  # fmt: skip
+    """Return time and press force where the squeeze begins and just before it ends, of a volume in mm^3."""
 
     def force(time: float, width: float, speed: float) -> tuple[float, float]:
-        return time, case.factor(height / width) * volume_shear * speed / width**2
+        factor, rate = case.factor(height / width), speed / width
+        return time, factor * (volume * float(material.shear_at(math.sqrt(factor) * rate))) * speed / width**2
 
     # The motion is linear between knots.
     closing = [k for k in range(len(gap.times) - 1) if gap.widths[k + 1] < min(height, gap.widths[k])]

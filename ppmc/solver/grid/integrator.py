@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from ppmc.solver import materials
+from ppmc.errors import SceneError
 from ppmc.solver.grid.body import make_body
 from ppmc.solver.grid.cells import lay_lines
 from ppmc.solver.grid.loads import account
@@ -21,10 +21,11 @@ from ppmc.solver.grid.stiffness import Material, Stiffness, make_stiffness
 from ppmc.solver.grid.wall_points import WallPoints, wall_points
 from ppmc.solver.linear.rigid_modes import Pieces, free_rigid_modes
 from ppmc.solver.particles.kernel_shape import full, inverse_shape, rearrangement_rate, six
+from ppmc.solver.particles.state import ParticleState
 from ppmc.solver.sph.gradient import moment_inverses
 from ppmc.solver.sph.transport import convect_deformation, convect_directions, jeffery_increment
 from ppmc.solver.step.implicit import EXCEEDED, LEAST_DRIVEN, MOST_PARTS, TOUCH, ImplicitIntegrator, strain_rate
-from ppmc.solver.step.model import StepReport
+from ppmc.solver.step.model import Model, StepReport
 from ppmc.solver.step.spread import check_spread
 from ppmc.solver.step.time_step import limit_rate
 from ppmc.solver.step.turning import chords
@@ -39,6 +40,20 @@ STIFFENING = 10.0  # beside R, as in the run's bulk modulus
 class GridIntegrator(ImplicitIntegrator):
     """Advances a state step by step with velocities on a grid."""
 
+    def __init__(self, model: Model, state: ParticleState) -> None:
+        """Take a model whose laws do not depend on the flow.
+
+        Raises
+        ------
+        SceneError
+            If viscosities or friction do.
+        """
+        if model.material.rate_dependent or model.walls.bend:
+            raise SceneError(
+                "solver.operator: grid takes materials and walls whose laws do not depend on the flow; use `particles`"
+            )
+        super().__init__(model, state)
+
     def _start(self, time: float, time_step: float) -> StepReport:
         return self._solve(time, time_step, update=False)
 
@@ -52,22 +67,15 @@ class GridIntegrator(ImplicitIntegrator):
         :func:`ppmc.solver.grid.body.make_body`.
         """
         state, model = self.state, self.model
-        normals = (
-            model.walls.nearest_normals(positions, time) if model.material.model in materials.NEEDS_NORMALS else None
-        )
-        viscosity = materials.evaluate(model.material, state, normals)
-        if ahead > 0.0 and normals is None:
-            for k in range(viscosity.directions.shape[1]):
-                turned = np.ascontiguousarray(viscosity.directions[:, k])
-                convect_directions(np.eye(3) + ahead * state.velocity_gradient, turned)
-                viscosity.directions[:, k] = turned
+        rheology = self._rheology(ahead, time)
+        shear, fibre = rheology.viscosities(state.velocity_gradient)
         extents = model.spacing * np.sqrt(lattice[:, :3])
         body = make_body(
             lay_lines(positions, extents, near), positions, state.volume * state.volume_ratio,
             inverse_shape(lattice)[0], extents, model.spacing, near,
         )  # fmt: skip
-        stiff = np.maximum(model.bulk_modulus * state.volume_ratio * dt, LEAST_BULK * self._stiff(viscosity.shear))
-        material = Material(viscosity.shear, viscosity.fibre, viscosity.directions, stiff)
+        stiff = np.maximum(model.bulk_modulus * state.volume_ratio * dt, LEAST_BULK * self._stiff(shear))
+        material = Material(shear, fibre, rheology.directions, stiff)
         return make_stiffness(body, material)
 
     def _stiff(self, shear: np.ndarray) -> np.ndarray:
@@ -133,7 +141,7 @@ class GridIntegrator(ImplicitIntegrator):
         """Take out of the motion found what nothing resists: no momentum along free rigid motions."""
         m = len(contacts.rows)
         free, _ = contacts.constrain(dt)
-        slip = self.model.walls.slip_lengths(contacts)[points.row, points.face]
+        slip = contacts.slip_length[points.row, points.face]
         per = np.where(slip == 0.0, hold, 1.0 / np.where(slip > 0.0, slip, 1.0))
         on = contacts.active[points.row, points.face]
         along = np.eye(3) - points.normal[:, :, None] * points.normal[:, None, :]

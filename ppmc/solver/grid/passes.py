@@ -62,7 +62,7 @@ def solve_with_walls(
     report : StepReport
         Passes and solves are added.
     """
-    slip = model.walls.slip_lengths(contacts)[points.row, points.face]
+    slip = contacts.slip_length[points.row, points.face]
     across = points.normal[:, :, None] * points.normal[:, None, :]
     along = np.eye(3) - across
     sticks, rubs = slip == 0.0, np.isfinite(slip) & (slip > 0.0)

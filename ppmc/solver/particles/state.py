@@ -45,6 +45,8 @@ class ParticleState:
         Tools touched in the last step, -1 for none.
     contact_normal : ndarray, shape (n, 3, 3), float32
         Normals of the faces touched, only to know these again.
+    contact_slip : ndarray, shape (n, 3)
+        Speed over traction at the faces touched, mm/(Pa s), where a wall's law makes it depend on the sliding.
     wall_layers : ndarray, shape (n,)
         Number of faces in whose wall layer the particle is.
     lattice_shape, kernel_shape : ndarray, shape (n, 6)
@@ -72,6 +74,7 @@ class ParticleState:
     half_width: np.ndarray
     contact_tool: np.ndarray
     contact_normal: np.ndarray
+    contact_slip: np.ndarray
     wall_layers: np.ndarray
     lattice_shape: np.ndarray
     kernel_shape: np.ndarray
@@ -105,6 +108,7 @@ class ParticleState:
             half_width=np.array(half_width, dtype=np.float64),
             contact_tool=np.full((n, 3), -1, dtype=np.int32),
             contact_normal=np.zeros((n, 3, 3), dtype=np.float32),
+            contact_slip=np.full((n, 3), np.inf),
             wall_layers=np.zeros(n, dtype=np.int64),
             lattice_shape=lattice.copy(),
             kernel_shape=lattice.copy(),

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmc.orientation import orthonormal_frame, shear_angle
-from ppmc.solver import materials
 from ppmc.solver.particles.state import ParticleState
 from ppmc.solver.sph.viscosity import viscous_stress
 from ppmc.solver.step.implicit import ImplicitIntegrator
 from ppmc.solver.step.model import Model
+from ppmc.solver.step.rheology import Rheology
 
 
 @dataclass(frozen=True)
@@ -56,13 +56,10 @@ def field_names(model: Model) -> tuple[str, ...]:
 def frame(snapshot: Snapshot, model: Model) -> dict[str, np.ndarray]:
     """Fields of a snapshot, in the charge's order; those of :func:`field_names`."""
     state = snapshot.state
-    normals = None
-    if model.material.model in materials.NEEDS_NORMALS:
-        normals = model.walls.nearest_normals(state.position, snapshot.time)
-    viscosity = materials.evaluate(model.material, state, normals)
     gradient = state.velocity_gradient
     rate = 0.5 * (gradient + np.swapaxes(gradient, -1, -2))
-    stress = viscous_stress(rate, viscosity.shear, viscosity.fibre, viscosity.directions)
+    rheology = Rheology(model, state, snapshot.time)
+    stress = viscous_stress(rate, *rheology.viscosities(gradient), rheology.directions)
     deviator = rate - np.einsum("nii->n", rate)[:, None, None] / 3.0 * np.eye(3)
     fields = {
         "fibre_direction": state.fibre_direction,

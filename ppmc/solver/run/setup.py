@@ -11,6 +11,7 @@ from ppmc.files import ParticleFile
 from ppmc.geometry.cavity.charge_balance import charge_balance
 from ppmc.geometry.tools.checks import check_tools_apart
 from ppmc.geometry.tools.toolset import ToolSet, compile_tools
+from ppmc.materials import Material
 from ppmc.notices import tell
 from ppmc.scene import Scene
 from ppmc.solver.particles.kernel_shape import lattice_of
@@ -81,22 +82,23 @@ def check_room(model: Model, charge: ParticleFile, source: str) -> None:
         tell(balance.told)
 
 
-def run_constants(settings: Any, material: Any, speed: float, thickness: float) -> tuple[float, float, float]:
+def run_constants(settings: Any, material: Material, speed: float, thickness: float) -> tuple[float, float, float]:
     """Closing strain rate (1/s), bulk modulus (Pa) and scaled density (g/mm^3) that a run takes.
 
     Parameters
     ----------
-    settings, material : sections `solver` and `material` of the scene
+    settings : section `solver` of the scene
+    material : Material
     speed, thickness : float
         Of the fastest tool, mm/s, and of the charge along it, mm.
     """
     rate = settings.strain_rate or (speed / thickness if speed > 0.0 else 1.0)
-    squeeze_viscosity = (material.ratio + 2.0) * material.shear
-    turning_viscosity = (material.ratio + TURNING) * material.shear
+    reference = material.reference(rate)
+    turning_viscosity = (reference.ratio + TURNING) * reference.shear
     bulk = settings.bulk_modulus or settings.bulk_ratio * turning_viscosity * rate
     density = settings.density or 0.0
     if settings.density is None and settings.reynolds_number > 0.0:
-        density = settings.reynolds_number * squeeze_viscosity / (max(speed, rate * thickness) * thickness)
+        density = settings.reynolds_number * reference.squeeze / (max(speed, rate * thickness) * thickness)
     return rate, bulk, density
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ppmc.errors import NumericalError, StoppedWithCheckpoint
 from ppmc.files.verdict import FORCE_ESTIMATE, KEY
+from ppmc.materials.transversely_isotropic import TransverselyIsotropic
 from ppmc.notices import inform, tell
 from ppmc.progress import Progress
 from ppmc.solver.grid.integrator import GridIntegrator
@@ -271,7 +272,7 @@ class Simulation:
     def _force_estimate(self) -> dict[str, dict[str, Any]]:
         """Return, as a fact, how far the force may be too high; nothing where that is not known. Says it, too."""
         model, state = self.model, self.state
-        if model.settings.operator != "particles" or model.material.model != "transversely_isotropic":
+        if model.settings.operator != "particles" or not isinstance(model.material, TransverselyIsotropic):
             return {}
         estimate = mixing.estimate_force(
             self.integrator.weigh(state.position), state.fibre_direction, model.material.ratio

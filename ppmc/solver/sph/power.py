@@ -55,17 +55,18 @@ def power_scale(body: float, pressing: float, sliding: float) -> float:
 
 
 def material_power(
-    operator: Operator, gradient: np.ndarray, rows: np.ndarray | slice = slice(None)
+    operator: Operator, gradient: np.ndarray, rows: np.ndarray | slice = slice(None),
+    viscosities: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> np.ndarray:  # fmt: skip
     """Power per volume of the material and its bulk stiffness, without zero-energy control; shape (m,), Pa/s.
 
-    `gradient`, shape (m, 3, 3), are velocity gradients, 1/s, of the particles in `rows` (m,), all if not given. It is
+    `gradient`, shape (m, 3, 3), are velocity gradients, 1/s, of the particles in `rows` (m,), all if not given;
+    `viscosities`, shapes (m,) and (m, k), Pa s, those in shear and of the fibres, the operator's if not given. It is
     what :func:`ppmc.solver.sph.viscosity.viscous_stress` gives, without arrays in between.
     """
     out = np.empty(len(gradient))
-    _power(
-        gradient, operator.shear[rows], operator.bulk[rows], operator.fibre[rows], operator.directions[rows], out
-    )  # fmt: skip
+    shear, fibre = (operator.shear[rows], operator.fibre[rows]) if viscosities is None else viscosities
+    _power(gradient, shear, operator.bulk[rows], fibre, operator.directions[rows], out)
     return out
 
 

@@ -15,7 +15,7 @@ from ppmc.solver.linear.rigid_modes import Pieces, free_rigid_modes
 from ppmc.solver.linear.system import VelocitySystem
 from ppmc.solver.particles.neighbours import Pairs
 from ppmc.solver.particles.state import ParticleState
-from ppmc.solver.sph.operator import Operator
+from ppmc.solver.step.flow_laws import LARGE, LAST_CHANGE, MOST_LAW_PASSES, FlowLaws
 from ppmc.solver.step.model import Model, StepReport
 from ppmc.solver.step.tool_loads import held_by_air, held_pressure, wall_drag
 from ppmc.solver.walls.contact import Contacts
@@ -36,7 +36,7 @@ ROUGH_WINDOW, WINDOW = 4, 8  # iterations between estimates of the error
 
 
 def solve_with_contacts(
-    model: Model, state: ParticleState, operator: Operator, contacts: Contacts, time_step: float, report: StepReport,
+    model: Model, state: ParticleState, laws: FlowLaws, contacts: Contacts, time_step: float, report: StepReport,
     negligible: float, pieces: Pieces,
 ) -> Solution:  # fmt: skip
     """Find the velocities of a step and the faces that touch.
@@ -46,7 +46,8 @@ def solve_with_contacts(
     model : Model
     state : ParticleState
         At the beginning of the step.
-    operator : Operator
+    laws : FlowLaws
+        With the operator; at the end its laws are those of the velocities found.
     contacts : Contacts
         Its `active` are where the search begins and, at the end, what touches.
     time_step : float
@@ -64,17 +65,19 @@ def solve_with_contacts(
     """
     inertia, rows = (model.density / time_step) * state.volume, contacts.rows
     load = inertia[:, None] * state.velocity
-    load -= operator.pressure_force(held_pressure(model, state))
-    blocks = operator.diagonal()
-    blocks[:, :3] += inertia[:, None]
-    stiffness = float(blocks[:, :3].mean())
-    velocities = state.velocity
+    load -= laws.operator.pressure_force(held_pressure(model, state))
+    velocities, wanted = state.velocity, model.settings.velocity_tolerance
     last = model.settings.contact_passes - 1
-    wanted = model.settings.velocity_tolerance
+    blocks: np.ndarray | None = None
     sure = min(SURE / wanted, 1.0)
     attempt, rough = 0, 1.0 if last == 0 else ROUGH
     coarse: CoarseGrid | None = None
     while True:
+        operator = laws.operator
+        if blocks is None:
+            blocks = operator.diagonal()
+            blocks[:, :3] += inertia[:, None]
+            stiffness = float(blocks[:, :3].mean())
         faces = wall_drag(model, state, contacts, operator)
         drag, right_side = np.zeros((len(rows), 3, 3)), load
         if len(faces):
@@ -102,6 +105,7 @@ def solve_with_contacts(
         report.estimated_error = solution.estimated_error
         # A solve that was only to tell which faces let go has been as exact as wanted before.
         report.unconverged += not solution.converged and rough >= 1.0
+        error = laws.error(velocities, negligible)
         # What flows too slowly to be resolved does not tell what its faces bear.
         flows = float(np.sqrt(np.mean(velocities**2))) > negligible
         may_release = attempt < last and flows and rough <= 1.0 and solution.converged
@@ -115,13 +119,20 @@ def solve_with_contacts(
             continue
         settled = not (added.any() or released.any())
         enough = attempt >= last and (attempt >= last + SPARE_PASSES or deepest < DEEPEST * model.spacing)
-        if enough or (settled and rough <= 1.0):
+        agreed = error <= LAST_CHANGE * wanted
+        if (enough or (settled and rough <= 1.0)) and (agreed or report.passes >= MOST_LAW_PASSES):
+            report.unconverged += not agreed
             return solution
+        laws.follow(velocities, solution.residual, settled)
         contacts.active = (contacts.active & ~released) | added
+        if laws.operator is not operator:
+            blocks = None
+        if error > LARGE:
+            coarse = None
         # What the pass held makes room for the next.
         del system, solution, inverse
         attempt = attempt if settled else attempt + 1
-        rough = ROUGH if not settled and attempt < last else 1.0
+        rough = ROUGH if (not settled and attempt < last) or error > ROUGH * wanted else 1.0
 
 
 def _changes(

@@ -29,15 +29,14 @@ import numpy as np
 
 from ppmc.compile_cache import njit, prange
 from ppmc.notices import inform
-from ppmc.solver import materials
 from ppmc.solver.linear.block_jacobi import multiply_rows
-from ppmc.solver.particles.kernel_shape import rearrangement_rate, smoothness
+from ppmc.solver.particles.kernel_shape import rearrangement_rate
 from ppmc.solver.particles.neighbours import Pairs
 from ppmc.solver.particles.reductions import dot
 from ppmc.solver.particles.state import ParticleState
 from ppmc.solver.sph import single_direction
 from ppmc.solver.sph.gradient import moments_and_gradient, velocity_gradient
-from ppmc.solver.sph.operator import Operator, assemble
+from ppmc.solver.sph.operator import Operator
 from ppmc.solver.sph.power import material_power, power_scale, tool_powers
 from ppmc.solver.sph.reactions import add_reactions
 from ppmc.solver.sph.transport import (
@@ -49,15 +48,19 @@ from ppmc.solver.sph.transport import (
     small_strain,
 )
 from ppmc.solver.step.contact_passes import pulled_off
+from ppmc.solver.step.flow_laws import half_cells_differ, see_half_cells
 from ppmc.solver.step.implicit import TOUCH, ImplicitIntegrator
 from ppmc.solver.step.measures import place_of
 from ppmc.solver.step.model import StepReport
+from ppmc.solver.step.rheology import Rheology
 from ppmc.solver.step.spread import check_spread
 from ppmc.solver.step.tool_loads import (
     add_tool_loads,
     driven_share,
     face_areas,
+    half_cell_power,
     in_half_cells,
+    slide_on,
     touched_faces,
     wall_drag,
 )
@@ -70,6 +73,10 @@ POWER_ITERATIONS = 20
 CONTACT_EVERY = 10  # steps between searches for faces; gaps are advanced linearly in between
 LIMITS_EVERY = 200  # steps between estimates of the stable step
 TOUCHING = 0.01  # gap after one step, in half-widths, up to which it is the flattening of that step
+HALF_CELL_PASSES = 3  # between the viscosity of a half-cell and the rate that it leaves there, beside a wall's law
+# Largest shear viscosity, in parts of what it was when the stable step was estimated, that asks for another estimate:
+# half of the growth that `SAFETY` leaves room for.
+STIFFENED = 1.1
 FOLLOWED = 5e-3  # largest strain of a particle that lattice and volume balance may lag behind
 MOST_STEPS = 200  # explicit steps in one reported step
 
@@ -143,6 +150,7 @@ class ExplicitIntegrator(ImplicitIntegrator):
 
     limits: Limits | None = None
     present: Operator | None = None
+    rheology: Rheology | None = None
     passed: np.ndarray | None = None
     passed_time: float = 0.0
 
@@ -186,19 +194,24 @@ class ExplicitIntegrator(ImplicitIntegrator):
             self.limits = self._estimate_limits()
             count = max(1, math.ceil((time_step - elapsed) / self.limits.used - 1e-9))
             dt, steps = (time_step - elapsed) / count, min(count, LIMITS_EVERY)
-            ahead = steps < count
+            stiffest = STIFFENED * float(self.present.shear.max())
             for k in range(steps):
                 if k % CONTACT_EVERY == 0:
                     near = self._near_tools(time + elapsed, dt)
+                if self.model.material.rate_dependent and float(self.present.shear.max()) > stiffest:
+                    steps = k + 1
+                ahead = steps < count
                 forced.advance(forced.velocities(dt), dt)
                 self._push(near, dt, loads)
                 done = (k + 1) % CONTACT_EVERY == 0 or k == steps - 1
                 if done:
-                    self._let_go(near, k % CONTACT_EVERY + 1)
+                    self._let_go(near, k % CONTACT_EVERY + 1, loads)
                 if k == steps - 1 and not ahead:
                     self._account_for(near, report)
                 elapsed += dt
                 self._move(time + elapsed, dt, refresh=done)
+                if k + 1 == steps:
+                    break
             report.iterations += steps
             self.present = None
             self._follow_flow(time + elapsed)
@@ -209,20 +222,8 @@ class ExplicitIntegrator(ImplicitIntegrator):
 
     def _assemble(self, pairs: Pairs, time: float) -> None:
         """Make the operator at the present positions."""
-        state, model = self.state, self.model
-        normals = None
-        if model.material.model in materials.NEEDS_NORMALS:
-            normals = model.walls.nearest_normals(state.position, time)
-        viscosity = materials.evaluate(model.material, state, normals)
-        control = model.settings.zero_energy
-        share = between_wall_layers(state.wall_layers)
-        operator = assemble(
-            pairs, state.position, state.volume, viscosity.shear * share, np.zeros(len(state)),
-            viscosity.fibre * share[:, None], viscosity.directions,
-            control.isotropic, control.bond, control.fibre,
-            control.smooth_flow * smoothness(state.flow_residual) * viscosity.shear * share,
-        )  # fmt: skip
-        self.present = operator
+        self.rheology = Rheology(self.model, self.state, time)
+        self.present = self.rheology.operator(pairs, np.zeros(len(self.state)), self.state.velocity_gradient)
 
     def _estimate_limits(self) -> Limits:
         state, model, operator = self.state, self.model, self.present
@@ -244,6 +245,12 @@ class ExplicitIntegrator(ImplicitIntegrator):
         _blend(state.smooth_gradient, self._around_walls(self.present.pairs, state.velocity_gradient), RATE_MEMORY)
         _blend(state.twice_smooth_gradient, state.smooth_gradient, RATE_MEMORY)
         here = walls.contacts(state, time, dt, 1.5 * float(walls.spacing.max()))
+        if half_cells_differ(self.model):
+            assert self.rheology is not None
+            for _ in range(HALF_CELL_PASSES):
+                see_half_cells(
+                    self.model, state, self.rheology, here, self.present, state.velocity, state.velocity_gradient
+                )  # fmt: skip
         drag = wall_drag(self.model, state, here, self.present, here.tool >= 0)
         state.wall_layers = here.wall_layers(len(state))
         # Half-widths of particles that touch were carried on by one step: they grow where tools part.
@@ -283,11 +290,15 @@ class ExplicitIntegrator(ImplicitIntegrator):
         velocities[rows] = moved
         state.velocity = velocities
 
-    def _let_go(self, near: NearTools, steps: int) -> None:
+    def _let_go(self, near: NearTools, steps: int, loads: Loads) -> None:
         """Release what was pulled off in a number of steps, and remember what touches."""
         assert self.present is not None
-        released = pulled_off(self.model, self.state, near.contacts, self.present.pairs, near.pressing / steps)
-        near.contacts.active &= ~released
+        contacts, pressing = near.contacts, near.pressing / steps
+        released = pulled_off(self.model, self.state, contacts, self.present.pairs, pressing)
+        contacts.active &= ~released
+        if self.model.walls.bend:
+            here, pressing = self.state.velocity[contacts.rows], pressing * power_scale(*loads.powers.tolist())
+            contacts.slip_length = slide_on(self.model, self.state, contacts, self.present, pressing, here)
         self.remember(near.contacts)
 
     def _behind_layers(self, near: NearTools, velocities: np.ndarray) -> float:
@@ -305,7 +316,8 @@ class ExplicitIntegrator(ImplicitIntegrator):
         if len(near.drag):
             slide = velocities[:, None, :] - contacts.wall_velocity
             gradient, lost = in_half_cells(self.model, state, contacts, near.drag, slide, gradient)
-        behind = (1.0 / share - 1.0) * material_power(operator, gradient, rows) + (1.0 - share) * pressure * swelling
+        power = half_cell_power(state, contacts, operator, gradient, rows)
+        behind = (1.0 / share - 1.0) * power + (1.0 - share) * pressure * swelling
         return float(np.sum(state.volume[rows] * behind)) - lost
 
     def _account_for(self, near: NearTools, report: StepReport) -> None:
@@ -328,7 +340,8 @@ class ExplicitIntegrator(ImplicitIntegrator):
             gradient, lost = in_half_cells(self.model, state, contacts, near.drag, slide, gradient)
             heat = np.einsum("nka,nkab,nkb->nk", slide, near.drag, slide) * contacts.whole_cells()[:, None]
             report.dissipation += float(np.sum(np.where(contacts.active, heat, 0.0))) - lost
-        behind = (1.0 / between_wall_layers(state.wall_layers[rows]) - 1.0) * material_power(operator, gradient, rows)
+        power = half_cell_power(state, contacts, operator, gradient, rows)
+        behind = (1.0 / between_wall_layers(state.wall_layers[rows]) - 1.0) * power
         report.dissipation += float(np.sum(state.volume[rows] * behind))
         report.contacts = int(near.contacts.active.any(axis=1).sum())
         report.touched = touched_faces(contacts, face_areas(state, contacts))

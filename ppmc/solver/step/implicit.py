@@ -12,21 +12,22 @@ import math
 
 import numpy as np
 
-from ppmc.solver import materials
 from ppmc.solver.linear.rigid_modes import Pieces
 from ppmc.solver.particles.cells import Cells, sort_into_cells
-from ppmc.solver.particles.kernel_shape import follow_lattice, inverse_shape, kernel_of, rearrangement_rate, smoothness
+from ppmc.solver.particles.kernel_shape import follow_lattice, inverse_shape, kernel_of, rearrangement_rate
 from ppmc.solver.particles.neighbours import NeighbourList, Pairs, build_list, extents, list_is_stale, weigh_pairs
 from ppmc.solver.particles.smoothing import SUPPORT, pair_weight
 from ppmc.solver.particles.state import ParticleState
-from ppmc.solver.sph.gradient import mean_around, moments_and_gradient, velocity_gradient
-from ppmc.solver.sph.operator import Operator, assemble
+from ppmc.solver.sph.gradient import mean_around, moment_inverses, moments_and_gradient, velocity_gradient
+from ppmc.solver.sph.operator import Operator
 from ppmc.solver.sph.packing import Packing
 from ppmc.solver.sph.transport import convect_deformation, convect_directions, jeffery_increment
 from ppmc.solver.sph.volume_balance import correct_volume, measured_packing, reference_packing
 from ppmc.solver.step.contact_passes import solve_with_contacts
+from ppmc.solver.step.flow_laws import FlowLaws
 from ppmc.solver.step.measures import PackingMeasure, packing_inside
 from ppmc.solver.step.model import Model, StepReport
+from ppmc.solver.step.rheology import Rheology
 from ppmc.solver.step.spread import check_spread
 from ppmc.solver.step.time_step import limit_rate
 from ppmc.solver.step.tool_loads import account
@@ -194,27 +195,21 @@ class ImplicitIntegrator:
         return report
 
     def operator(self, ahead: float, time: float, time_step: float) -> Operator:
-        """Operator at the positions predicted for `ahead` seconds later."""
+        """Operator at the positions predicted for `ahead` seconds later, with viscosities at the last velocities."""
+        return self._operator(self._rheology(ahead, time), time_step)
+
+    def _rheology(self, ahead: float, time: float) -> Rheology:
+        positions = self.state.position + ahead * self.state.velocity
+        return Rheology(self.model, self.state, time, positions, ahead)
+
+    def _operator(self, rheology: Rheology, time_step: float) -> Operator:
         state, model = self.state, self.model
-        positions = state.position + ahead * state.velocity
-        normals = (
-            model.walls.nearest_normals(positions, time) if model.material.model in materials.NEEDS_NORMALS else None
-        )
-        viscosity = materials.evaluate(model.material, state, normals)
-        if ahead > 0.0 and normals is None:
-            for k in range(viscosity.directions.shape[1]):
-                turned = np.ascontiguousarray(viscosity.directions[:, k])
-                convect_directions(np.eye(3) + ahead * state.velocity_gradient, turned)
-                viscosity.directions[:, k] = turned
-        control = model.settings.zero_energy
-        share = between_wall_layers(state.wall_layers)
-        return assemble(
-            self.weigh(positions), positions, state.volume, viscosity.shear * share,
-            model.bulk_modulus * state.volume_ratio * time_step * share,
-            viscosity.fibre * share[:, None], viscosity.directions,
-            control.isotropic, control.bond, control.fibre,
-            control.smooth_flow * smoothness(state.flow_residual) * viscosity.shear * share,
-        )  # fmt: skip
+        pairs, gradient = self.weigh(rheology.positions), state.velocity_gradient
+        if model.material.rate_dependent:
+            inverse = moment_inverses(pairs, rheology.positions, state.volume)[0]
+            gradient = velocity_gradient(pairs, rheology.positions, state.volume, inverse, state.velocity)
+        bulk = model.bulk_modulus * state.volume_ratio * time_step * between_wall_layers(state.wall_layers)
+        return rheology.operator(pairs, bulk, gradient)
 
     def _parts(self, operator: Operator, velocities: np.ndarray, dt: float) -> int:
         """Parts into which a step of `dt` (s) with velocities (n, 3), mm/s, is to be divided; one if it may stand."""
@@ -234,13 +229,16 @@ class ImplicitIntegrator:
         contacts.active |= contacts.gap <= TOUCH * model.spacing
         contacts.active |= contacts.violations(state.velocity[contacts.rows], dt) > TOUCH * model.spacing
         state.wall_layers = contacts.wall_layers(len(state))
-        operator = self.operator(ahead, time, dt)
+        rheology = self._rheology(ahead, time)
+        operator = self._operator(rheology, dt)
         check_spread(operator.pairs, operator.inverse, state)
+        laws = FlowLaws(model, state, rheology, contacts, operator, dt)
         pieces = Pieces.of(operator.pairs, operator.positions, operator.volumes)
         report = StepReport(time_step=dt)
         self.measured = None  # not needed while the solve holds most
         negligible = self._negligible(time, dt)
-        solution = solve_with_contacts(model, state, operator, contacts, dt, report, negligible, pieces)
+        solution = solve_with_contacts(model, state, laws, contacts, dt, report, negligible, pieces)
+        operator = laws.operator
         if divisible:
             report.parts = self._parts(operator, solution.velocities, dt)
             if report.parts > 1:
@@ -250,7 +248,7 @@ class ImplicitIntegrator:
         model.walls.forced.adjust(report.tool_force, started=update)
         # What the solve held makes room for what the end of the step needs.
         velocities = chords(pieces, solution.velocities, state.position, dt) if update else solution.velocities
-        del operator, contacts, solution, pieces
+        del operator, laws, rheology, contacts, solution, pieces
         if update:
             model.walls.forced.advance(pushed, dt)
             self._advance(velocities, dt)
@@ -289,6 +287,9 @@ class ImplicitIntegrator:
         state.contact_tool[contacts.rows] = np.where(contacts.active, contacts.tool, -1)
         state.contact_normal[:] = 0.0
         state.contact_normal[contacts.rows] = contacts.normal
+        if self.model.walls.bend:
+            state.contact_slip[:] = np.inf
+            state.contact_slip[contacts.rows] = np.where(contacts.active, contacts.slip_length, np.inf)
 
     def _advance(self, velocities: np.ndarray, dt: float) -> None:
         state, settings = self.state, self.model.settings

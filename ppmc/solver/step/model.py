@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from ppmc.materials import Material
 from ppmc.solver.walls.tools import Walls
 
 
@@ -73,7 +74,8 @@ class Model:
     Attributes
     ----------
     settings : section `solver` of the scene
-    material : section `material` of the scene
+    material : Material
+        The section `material` of the scene, or one's own.
     walls : Walls
     smoothing_length : float
         h, mm.
@@ -84,7 +86,7 @@ class Model:
     """
 
     settings: Any
-    material: Any
+    material: Material
     walls: Walls
     smoothing_length: float
     bulk_modulus: float

@@ -12,7 +12,7 @@ resist (`between_wall_layers`), and the reactions are then the tools' forces.
 
 # mypy: disable-error-code="no-untyped-def"
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -52,6 +52,11 @@ class Contacts:
     wall_velocity : ndarray, shape (m, 3, 3)
         Mean velocity of the tool's face over the step, mm/s.
     active : ndarray, shape (m, 3), bool
+    slip_length : ndarray, shape (m, 3)
+        Speed over traction of each wall, mm/(Pa s): zero without slip, infinite where nothing rubs.
+    half_cells : two of ndarray, shapes (m,) and (m, k), or None
+        Shear viscosity and fibre stiffnesses, Pa s, between centre and walls, where the rate there makes them others
+        than the particle's own.
     """
 
     rows: np.ndarray
@@ -61,6 +66,8 @@ class Contacts:
     gap: np.ndarray
     wall_velocity: np.ndarray
     active: np.ndarray
+    slip_length: np.ndarray = field(default_factory=lambda: np.empty((0, FACES)))
+    half_cells: tuple[np.ndarray, np.ndarray] | None = None
 
     def constrain(self, time_step: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the projections onto free directions (m, 3, 3) and the held velocities (m, 3)."""

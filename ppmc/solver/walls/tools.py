@@ -5,12 +5,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ppmc.geometry.tools.contacts import find_contacts
-from ppmc.geometry.tools.packed import NAVIER, NO_SLIP, ToolArrays
+from ppmc.geometry.tools.packed import ToolArrays
 from ppmc.geometry.tools.toolset import ToolSet
 from ppmc.solver.particles.kernel_shape import full, lattice_of, six
 from ppmc.solver.particles.state import ParticleState
 from ppmc.solver.walls.contact import FACES, SAME_FACE, Contacts, half_widths, kept_half_widths, starting_half_widths
 from ppmc.solver.walls.forced_tools import ForcedTools
+from ppmc.walls import WallLaw
 
 # Share of the newest velocity gradient in the running means that predict half-widths: with all of it, few layers in a
 # closing gap make the rate alternate from step to step; with a tenth, the lag costs an order of accuracy.
@@ -40,9 +41,19 @@ class Walls:
         self.forced = ForcedTools(self.tools)
 
     @property
+    def laws(self) -> tuple[WallLaw, ...]:
+        """The wall law of each tool."""
+        return tuple(tool.wall for tool in self.tools.tools)
+
+    @property
     def rub(self) -> bool:
         """Whether any tool resists sliding."""
-        return bool(np.isin(self.tools.arrays.wall, (NAVIER, NO_SLIP)).any())
+        return any(law.rubs for law in self.laws)
+
+    @property
+    def bend(self) -> bool:
+        """Whether the traction of any tool is not in proportion to the sliding."""
+        return any(law.slip_length is None for law in self.laws)
 
     def offsets(self, time: float) -> np.ndarray:
         """Displacement of every tool at a time, shape (tools, 3), mm."""
@@ -100,7 +111,9 @@ class Walls:
             on = tool[:, k] >= 0
             reference = state.half_width[rows[on], near[on, k]] * np.cbrt(state.volume_ratio[rows[on]])
             width[on, k] = half_widths(reference, lattice[on], start, normal[on, k])
-        touched = _still_touched(tool, normal, state.contact_tool[rows], state.contact_normal[rows])
+        last = _same_face(tool, normal, state.contact_tool[rows], state.contact_normal[rows])
+        touched = last >= 0
+        slip = np.where(touched, np.take_along_axis(state.contact_slip[rows], np.maximum(last, 0), axis=1), np.inf)
         growth = np.linalg.norm(np.einsum("nab,nka->nkb", increment, normal), axis=2)
         rate = 0.5 * (rates + np.swapaxes(rates, -1, -2))
         strain = time_step * np.sqrt(np.einsum("nab,nab->n", rate, rate))
@@ -114,16 +127,23 @@ class Walls:
             gap=np.where(tool >= 0, phi - width, np.inf),
             wall_velocity=np.ascontiguousarray(wall[near]),
             active=touched,
+            slip_length=self.slip_lengths(tool, slip),
         )
 
-    def slip_lengths(self, contacts: Contacts) -> np.ndarray:
-        """Inverse friction of each face, shape (m, 3), mm/(Pa s): zero without slip, infinite where nothing rubs."""
-        near = np.maximum(contacts.tool, 0)
-        laws = self.tools.arrays
-        rubs = (laws.wall[near] == NAVIER) & (laws.friction[near] > 0.0)
-        out = np.where(rubs, 1.0 / np.where(rubs, laws.friction[near], 1.0), np.inf)
-        out[laws.wall[near] == NO_SLIP] = 0.0
-        return np.where(contacts.tool >= 0, out, np.inf)
+    def slip_lengths(self, tool: np.ndarray, last: np.ndarray) -> np.ndarray:
+        """Speed over traction of faces, shape (m, 3), mm/(Pa s): zero without slip, infinite where nothing rubs.
+
+        `tool`, shape (m, 3), are their tools, -1 for none; `last`, of the same shape, what was found where that depends
+        on the sliding.
+        """
+        constant = [np.nan if law.slip_length is None else law.slip_length for law in self.laws]
+        out = np.where(tool >= 0, np.array(constant)[np.maximum(tool, 0)], np.inf)
+        return np.where(np.isnan(out), last, out)
+
+    def bending(self, tool: np.ndarray) -> np.ndarray:
+        """Whether the slip length of faces with given tools (m, 3) depends on the sliding, shape (m, 3)."""
+        bends = np.array([law.slip_length is None for law in self.laws])
+        return (tool >= 0) & bends[np.maximum(tool, 0)]
 
     def nearest_normals(self, positions: np.ndarray, time: float) -> np.ndarray:
         """Normal of the nearest tool at each particle, shape (n, 3)."""
@@ -165,8 +185,9 @@ def faces_near(
     return rows, tool, distance, normal
 
 
-def _still_touched(tool: np.ndarray, normal: np.ndarray, last_tool: np.ndarray, last_normal: np.ndarray) -> np.ndarray:
-    """Mark faces that were touched in the last step: same tool, nearly the same normal."""
+def _same_face(tool: np.ndarray, normal: np.ndarray, last_tool: np.ndarray, last_normal: np.ndarray) -> np.ndarray:
+    """Which of the faces last touched each is, shape (m, 3), -1 if none: same tool, nearly the same normal."""
     same_tool = (tool[:, :, None] == last_tool[:, None, :]) & (tool[:, :, None] >= 0)
     cosine = np.einsum("nkc,nmc->nkm", normal, last_normal)
-    return np.any(same_tool & (cosine > SAME_FACE), axis=2)
+    same = same_tool & (cosine > SAME_FACE)
+    return np.where(same.any(axis=2), np.argmax(same, axis=2), -1)

@@ -1,18 +1,15 @@
-"""Transversely isotropic viscous platelets (J, section II.B; A; D)."""
+"""What materials with fibres share: one way of giving each of the two viscosities, and one fibre direction."""
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
-from ppmc.scene.base import Section
-from ppmc.scene.sections.materials.relations import (
-    HEXAGONAL_PACKING,
-    ratio_from_aspect,
-    ratio_from_viscosities,
-    shear_factor,
-)
+from ppmc.materials.law import Array, Even, LocalState
+from ppmc.materials.relations import HEXAGONAL_PACKING, ratio_from_aspect, ratio_from_viscosities, shear_factor
+from ppmc.materials.section import MaterialBase
 from ppmc.scene.units import PositiveViscosity
 
 # A thousand times that of the stiffest platelets published (61,215, J); beyond, rounding of forces along fibres reaches
@@ -20,8 +17,8 @@ from ppmc.scene.units import PositiveViscosity
 MOST_ANISOTROPIC = 1e8
 
 
-class AnisotropicViscosity(Section):
-    """Viscosities shared by all models with fibres: one way of giving each of the two constants."""
+class AnisotropicViscosity(MaterialBase):
+    """A shear viscosity and an anisotropy ratio; the fibres of a particle lie along its one direction p."""
 
     shear_viscosity: PositiveViscosity | None = Field(default=None, examples=["5.36 Pa*s"])
     """Shear viscosity eta23 = eta12 of the platelet, Pa s; or give `matrix_viscosity`."""
@@ -75,9 +72,19 @@ class AnisotropicViscosity(Section):
         fraction = 0.6 if self.fibre_volume_fraction is None else self.fibre_volume_fraction
         return ratio_from_aspect(self.aspect_ratio, self.aspect_rule, fraction)
 
+    def shear_at(self, rate: Any) -> Any:
+        """Return the shear viscosity, Pa s, at any rate."""
+        return np.full(np.shape(rate), self.shear)
 
-class TransverselyIsotropic(AnisotropicViscosity):
-    """One fibre direction a particle; the papers' material."""
+    def directions(self, local: LocalState) -> Array:
+        """Return p, shape (n, 1, 3)."""
+        return local.fibre_direction[:, None, :]
 
-    model: Literal["transversely_isotropic"] = "transversely_isotropic"
-    """Name of the model."""
+    def viscosities(self, rate: Array, directions: Array, local: LocalState) -> tuple[Array, Array]:
+        """Return eta23, shape (n,), and 4 eta23 (R - 1), shape (n, 1)."""
+        stiffness = 4.0 * self.shear * (self.ratio - 1.0)
+        return np.full(len(local), self.shear), np.full((len(local), 1), stiffness)
+
+    def even_as(self) -> Even | None:
+        """Deforms evenly as a Newtonian fluid where R = 1, else as fibres."""
+        return "newtonian" if self.ratio == 1.0 else "fibres"
