@@ -20,7 +20,7 @@ from ppmc.analysis.flow.knit import find_knit_lines
 from ppmc.analysis.flow.occupancy import cells_around
 from ppmc.analysis.flow.results import Analysed, FlowMaps, Results, press_force
 from ppmc.files import ParticleFile, SeriesFile, VoxelFile
-from ppmc.files.verdict import read_verdict
+from ppmc.files.verdict import FORCE_ESTIMATE, read_verdict
 from ppmc.particles import Particles
 
 if TYPE_CHECKING:
@@ -188,6 +188,11 @@ def _add_flow(results: Results, flow: SeriesFile) -> None:
     """Add J and F of every frame, the press force, the fill times and the knit lines."""
     results.kinematics = [_kinematics_of(flow, k) for k in range(len(flow.times))]
     results.press_force = press_force(flow.history, flow.times, flow.scalars)
+    estimate = flow.extra.get(FORCE_ESTIMATE)
+    bound = str(estimate.get("told", "")) if isinstance(estimate, dict) else ""
+    if results.press_force is not None and bound:
+        results.press_force = replace(results.press_force, bound=bound)
+        results.notes.append(f"{bound[0].upper()}{bound[1:]}.")
     if results.press_force is None:
         results.notes.append("The flow file carries no forces: there is no press-force curve.")
     if "platelet_normal" not in flow.names and "in_plane_direction" not in flow.names:

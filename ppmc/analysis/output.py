@@ -178,7 +178,8 @@ def result_tables(results: Results) -> dict[str, pd.DataFrame]:
     if results.press_force is not None:
         force = results.press_force
         newtons = {f"{tool}_N": f * 1e-6 for tool, f in force.forces.items()}
-        tables["press_force"] = pd.DataFrame({"time_s": force.time, **newtons})
+        table = pd.DataFrame({"time_s": force.time, **newtons})
+        tables["press_force"] = table.assign(upper_bound=True) if force.bound else table
     if results.seeds is not None:
         tables["seeds_regions"] = ensemble_table([r.name for r in results.regions], results.seeds)
         for path, seeds in zip(results.paths, results.path_seeds, strict=True):

@@ -17,6 +17,7 @@ from ppmc.files.guard import open_guarded
 from ppmc.files.text import read_json
 
 KEY = "verdict"
+FORCE_ESTIMATE = "force_estimate"  # beside it, where a press force may be no more than an upper bound
 BOUNDS = ("at most", "at least")
 
 

@@ -19,7 +19,7 @@ LAWS = ("materials", "walls")  # sections of scenes and laws of the solver in on
 ROOMS = {
     "geometry": ("surfaces", "tools", "cavity", "parts", "abaqus"),
     "charge": ("exchange", "orientations", "domains", "platelets", "figures"),
-    "solver": ("particles", "walls", "sph", "linear", "step", "run", "forecast"),
+    "solver": ("particles", "walls", "sph", "linear", "step", "grid", "run", "forecast"),
     "analysis": ("averages", "flow", "mesh", "figures", "report"),
 }
 MOST_FILES = 12  # of a room, so that one sees at a glance what is in it

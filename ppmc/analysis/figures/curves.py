@@ -60,9 +60,10 @@ def draw_curves(results: Results) -> list[Picture]:
             f"Magnitude of the force on each tool [N] against time [s], {force.origin} of the flow file "
             f"({len(force.time):,} values)."
         )
-        pictures.append(
-            Picture("press_force", "Press force", caption, to_png(plot_press_force(force.time, force.forces)))
-        )
+        if force.bound:
+            caption += f" {force.bound[0].upper()}{force.bound[1:]}."
+        drawing = plot_press_force(force.time, force.forces, upper_bound=bool(force.bound))
+        pictures.append(Picture("press_force", "Press force", caption, to_png(drawing)))
     return pictures + [_front(comparison) for comparison in results.comparisons]
 
 

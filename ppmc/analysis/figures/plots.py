@@ -160,7 +160,7 @@ def plot_kinematics(rows: Sequence[Kinematics]) -> Figure:
         return drawing
 
 
-def plot_press_force(time: np.ndarray, forces: dict[str, np.ndarray]) -> Figure:
+def plot_press_force(time: np.ndarray, forces: dict[str, np.ndarray], upper_bound: bool = False) -> Figure:
     """Draw press force (N) of each source or tool against time; input in µN."""
     import matplotlib as mpl
 
@@ -177,7 +177,7 @@ def plot_press_force(time: np.ndarray, forces: dict[str, np.ndarray]) -> Figure:
                 linewidth=1.5,
             )
         ax.set_xlabel("time [s]")
-        ax.set_ylabel("force [N]")
+        ax.set_ylabel("force [N], upper bound" if upper_bound else "force [N]")
         if len(forces) > 1:
             ax.legend(frameon=False, fontsize=8)
         return drawing

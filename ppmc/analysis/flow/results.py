@@ -77,11 +77,14 @@ class PressForce:
         Magnitude on each tool, µN.
     origin : str
         Whether from every step or from the frames.
+    bound : str
+        Why it is no more than an upper bound, empty where it is more.
     """
 
     time: np.ndarray
     forces: dict[str, np.ndarray]
     origin: str
+    bound: str = ""
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,10 @@ class SolverSection(Section):
     integrator: Literal["implicit", "explicit"] = "implicit"
     """`implicit` solves for the velocity each step; `explicit` is the papers' route, with mass scaling."""
 
+    operator: Literal["particles", "grid"] = "particles"
+    """What finds the velocities: `particles` (averaged gradients, unlike platelets within a kernel tie each other) or
+    `grid` (triquadratic cells two spacings wide, in which they slide; implicit and without inertia only)."""
+
     max_strain_increment: float = Field(default=0.02, gt=0, le=0.2)
     """Largest strain in a step (99th percentile over the particles)."""
     max_displacement: float = Field(default=0.25, gt=0, le=1)
@@ -113,5 +117,10 @@ class SolverSection(Section):
         if self.integrator == "explicit" and self.reynolds_number == 0.0 and self.density is None:
             raise ValueError(
                 "the explicit integrator needs inertia: give `reynolds_number` (0.01 or less) or `density`"
+            )
+        inertial = self.reynolds_number > 0.0 or bool(self.density)
+        if self.operator == "grid" and (self.integrator == "explicit" or inertial):
+            raise ValueError(
+                "the operator `grid` knows no inertia: leave out `integrator: explicit`, `reynolds_number`, `density`"
             )
         return self

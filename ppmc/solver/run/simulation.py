@@ -3,15 +3,18 @@
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ppmc.errors import NumericalError, StoppedWithCheckpoint
-from ppmc.files.verdict import KEY
-from ppmc.notices import inform
+from ppmc.files.verdict import FORCE_ESTIMATE, KEY
+from ppmc.materials.transversely_isotropic import TransverselyIsotropic
+from ppmc.notices import inform, tell
 from ppmc.progress import Progress
+from ppmc.solver.grid.integrator import GridIntegrator
 from ppmc.solver.particles.state import ParticleState
-from ppmc.solver.run import verdict
+from ppmc.solver.run import mixing, verdict
 from ppmc.solver.run.checkpoint import Checkpoint
 from ppmc.solver.run.coverage import Coverage, least_force, touching
 from ppmc.solver.run.frames import Snapshot, field_names, frame
@@ -96,7 +99,7 @@ class Simulation:
         told = verdict.judge(
             history, self.model.walls.tools.names, self.model.spacing, self.model.bulk_modulus
         )  # fmt: skip
-        self.record.seal(history, self._facts() | {KEY: told.as_facts()})
+        self.record.seal(history, self._facts() | self._force_estimate() | {KEY: told.as_facts()})
 
     def _open(self, resume: bool) -> None:
         table = self.record.table
@@ -138,7 +141,10 @@ class Simulation:
         return least_force(self.model.bulk_modulus, self.model.spacing)
 
     def _make_integrator(self) -> ImplicitIntegrator:
-        explicit = self.model.settings.integrator == "explicit"
+        settings = self.model.settings
+        if settings.operator == "grid":
+            return GridIntegrator(self.model, self.state)
+        explicit = settings.integrator == "explicit"
         return (ExplicitIntegrator if explicit else ImplicitIntegrator)(self.model, self.state)
 
     def _step(self, target: float) -> None:
@@ -263,7 +269,19 @@ class Simulation:
     def _note(self) -> str:
         return f"step {len(self.history.rows)}, {self.report.iterations} iterations, {self.report.contacts} contacts"
 
-    def _facts(self) -> dict[str, float | int | list[str]]:
+    def _force_estimate(self) -> dict[str, dict[str, Any]]:
+        """Return, as a fact, how far the force may be too high; nothing where that is not known. Says it, too."""
+        model, state = self.model, self.state
+        if model.settings.operator != "particles" or not isinstance(model.material, TransverselyIsotropic):
+            return {}
+        estimate = mixing.estimate_force(
+            self.integrator.weigh(state.position), state.fibre_direction, model.material.ratio
+        )  # fmt: skip
+        if estimate.is_bound:
+            tell(estimate.told())
+        return {FORCE_ESTIMATE: estimate.as_facts()}
+
+    def _facts(self) -> dict[str, Any]:
         return {
             "bulk_modulus": self.model.bulk_modulus, "density": self.model.density,
             "smoothing_length": self.model.smoothing_length, "spacing": self.model.spacing,
