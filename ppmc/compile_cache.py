@@ -184,11 +184,26 @@ def _source_of(module: str) -> Path | None:
     return None
 
 
+def _is_for_types(node: ast.AST) -> bool:
+    """Tell whether a node is ``if TYPE_CHECKING:``, without an else."""
+    return (
+        isinstance(node, ast.If)
+        and isinstance(node.test, ast.Name)
+        and node.test.id == "TYPE_CHECKING"
+        and not node.orelse
+    )
+
+
 @cache
 def _needs(source: Path) -> tuple[Path, ...]:
     """Return the files of the ppmc modules that a file imports; imported names may be modules too."""
     wanted: list[str] = []
-    for node in ast.walk(ast.parse(source.read_bytes())):
+    tree = ast.parse(source.read_bytes())
+    # What only type checkers import decides nothing, and leads from anywhere to everywhere.
+    unseen = {inner for node in ast.walk(tree) if _is_for_types(node) for inner in ast.walk(node)}
+    for node in ast.walk(tree):
+        if node in unseen:
+            continue
         if isinstance(node, ast.Import):
             wanted += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:

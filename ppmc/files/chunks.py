@@ -32,8 +32,8 @@ SAMPLE, WORTH = 4096, 0.5
 """Bytes of a plane that are deflated by way of trial, and what must be left of them at most for the rest to follow."""
 STORED = 65535
 """Bytes of a stored block of a deflate stream, at most (RFC 1951)."""
-VECTOR_STEP = 2.0**-13
-"""Components of unit vectors are multiples of this: half of it turns them by less than 0.006 degrees."""
+VECTOR_STEP = 2.0**-15
+"""Components of unit vectors are multiples of this: half of it turns them by less than 0.002 degrees."""
 DIGITS = 8
 """Binary digits that other numbers keep: one part in 512, while no window averages enough gradients to tell the energy
 of a texture to a hundredth."""

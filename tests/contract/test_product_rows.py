@@ -59,7 +59,7 @@ def test_a_voxels_fields_belong_together_and_to_its_place(folder: Path) -> None:
         fine, truth, true_normal = file.grid, file.read("fibre_direction"), file.read("platelet_normal")
     valid = found["valid"].astype(bool)
     p, r = found["fibre_direction"][valid], found["platelet_normal"][valid]
-    assert np.abs(np.einsum("na,na->n", p, r)).max() < 1e-5
+    assert np.abs(np.einsum("na,na->n", p, r)).max() < 6e-5  # components are multiples of 2^-15
     # Noise is taken off eigenvalues and ratios a little differently; other voxels differ by a tenth and more.
     low, middle, high = np.moveaxis(found["eigenvalues"][valid].astype(float), -1, 0)
     assert (low <= middle).all() and (middle <= high).all()

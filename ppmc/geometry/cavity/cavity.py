@@ -28,6 +28,7 @@ PARTS = 3
 # Of a charge pressed thinner than a spacing so much lies where no ball has room; the ball is then halved, so often.
 CRAMPED, HALVINGS = 0.2, 4
 MOST_BLOCKS = 60_000  # 31 million cells
+OPEN_BLOCKS = 4_000  # of an open cavity that are searched for tools in one another's place
 MOST_TABLE = 40_000_000
 # Cells within so many of the flood may belong to the cavity: the tips of corners of 45 degrees and more.
 NEAR = 4
@@ -124,13 +125,15 @@ def _flooded(tools: ToolSet, points: FloatArray, shift: FloatArray, spacing: flo
     if np.prod(shape.astype(float)) > MOST_TABLE:
         return None
     blocks_along = tuple(int(n) for n in shape)
-    # Where bodies drawn in files leave the cavity open, that may be because they are in one another's place.
-    drawn = bool((tools.arrays.kind == MESH).any())
-    table, state, sides, whole = flood(tools.arrays, shift, low, step, radius, blocks_along, room, MOST_BLOCKS, drawn)
+    table, state, sides, whole = flood(tools.arrays, shift, low, step, radius, blocks_along, room, MOST_BLOCKS)
     if not whole:
         return None
     if sides.any() or len(room) == 0:
-        rim = low + step * (_rim(table, state, _blocks_to_fill(table)) + 0.5) if drawn else np.zeros((0, 3))
+        rim = np.zeros((0, 3))
+        if (tools.arrays.kind == MESH).any():
+            # Bodies drawn in files may leave the cavity open because they are in one another's place.
+            table, state, _, _ = flood(tools.arrays, shift, low, step, radius, blocks_along, room, OPEN_BLOCKS, True)
+            rim = low + step * (_rim(table, state, _blocks_to_fill(table)) + 0.5)
         return Cavity(math.inf, False, (low, high), ball, rim)
     blocks = _blocks_to_fill(table)
     rim = _rim(table, state, blocks)
