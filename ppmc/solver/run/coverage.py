@@ -28,7 +28,9 @@ from ppmc.solver.step.model import Touched
 
 OPPOSED = 0.5  # cosine, 60 degrees: less, and a wall is passed by or carries friction only, as side walls with draft do
 BEARING = 0.25  # of the largest force on a tool: pins and ledges that bear less may be left behind in their wake
-LET_GO = 0.1  # coverage below which a tool has lost the charge; a plate that a block tips over on keeps an edge or two
+# Coverage below which a tool has lost the charge. A plate that a block tips over on keeps an edge or two: half a row on
+# each of two edges of a block four particles wide is an eighth.
+LET_GO = 0.15
 # Way, in spacings, that a tool must close uncovered before the charge counts as lost: the largest displacement that a
 # step may bring by default. A charge that a tool strikes and that bounces off for an instant has not been lost.
 LOST_WAY = 0.25
