@@ -59,6 +59,21 @@ def diagonalise(t, vectors):
                 vectors[k, a], vectors[k, b] = cosine * va - sine * vb, sine * va + cosine * vb
 
 
+@njit(cache=True, inline="always")
+def _write_inverse(a, b, c, d, e, f, x, y, z, determinant, out):
+    # Of the symmetric matrix with diagonal a, b, c and 01, 12, 02 = d, e, f; x, y, z are its first row of cofactors.
+    inverse_det = 1.0 / determinant
+    out[0, 0] = x * inverse_det
+    out[0, 1] = y * inverse_det
+    out[0, 2] = z * inverse_det
+    out[1, 0] = out[0, 1]
+    out[1, 1] = (a * c - f * f) * inverse_det
+    out[1, 2] = (f * d - a * e) * inverse_det
+    out[2, 0] = out[0, 2]
+    out[2, 1] = out[1, 2]
+    out[2, 2] = (a * b - d * d) * inverse_det
+
+
 @njit(cache=True)
 def invert_symmetric(m, floor, out):
     """Write the inverse of a symmetric positive 3x3 matrix to `out`.
@@ -81,16 +96,7 @@ def invert_symmetric(m, floor, out):
             a, b, c = a + add, b + add, c + add
             x, y, z = b * c - e * e, f * e - d * c, d * e - f * b
             determinant = a * x + d * y + f * z
-    inverse_det = 1.0 / determinant
-    out[0, 0] = x * inverse_det
-    out[0, 1] = y * inverse_det
-    out[0, 2] = z * inverse_det
-    out[1, 0] = out[0, 1]
-    out[1, 1] = (a * c - f * f) * inverse_det
-    out[1, 2] = (f * d - a * e) * inverse_det
-    out[2, 0] = out[0, 2]
-    out[2, 1] = out[1, 2]
-    out[2, 2] = (a * b - d * d) * inverse_det
+    _write_inverse(a, b, c, d, e, f, x, y, z, determinant, out)
 
 
 @njit(cache=True)
@@ -131,16 +137,7 @@ def invert_in_metric(m, g, floor, out):
             a, b, c, d, e, f = a + add * ca, b + add * cb, c + add * cc, d + add * cd, e + add * ce, f + add * cf
             x, y, z = b * c - e * e, f * e - d * c, d * e - f * b
             determinant = a * x + d * y + f * z
-    inverse_det = 1.0 / determinant
-    out[0, 0] = x * inverse_det
-    out[0, 1] = y * inverse_det
-    out[0, 2] = z * inverse_det
-    out[1, 0] = out[0, 1]
-    out[1, 1] = (a * c - f * f) * inverse_det
-    out[1, 2] = (f * d - a * e) * inverse_det
-    out[2, 0] = out[0, 2]
-    out[2, 1] = out[1, 2]
-    out[2, 2] = (a * b - d * d) * inverse_det
+    _write_inverse(a, b, c, d, e, f, x, y, z, determinant, out)
 
 
 @njit(cache=True)
