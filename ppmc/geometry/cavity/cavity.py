@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -111,7 +111,9 @@ def cavity_volume(
             if cavity is not None and cavity.closed:
                 return cavity
         if cavity is not None:
-            return cavity
+            # Bodies drawn in files may leave the cavity open because they are in one another's place.
+            drawn = bool((tools.arrays.kind == MESH).any())
+            return replace(cavity, rim=_open_rim(tools, points, shift, width, cavity)) if drawn else cavity
         width *= 2.0
 
 
@@ -119,28 +121,37 @@ def _flooded(tools: ToolSet, points: FloatArray, shift: FloatArray, spacing: flo
     """Return the cavity that a ball `ball` wide floods, on cells of a third of the spacing; None if it is too large."""
     low, high = search_box(tools, points, shift, 2.0 * ball)
     step, radius = spacing / CELLS_A_SPACING, 0.5 * ball
-    shape = np.ceil((high - low) / (BLOCK * step)).astype(np.int64) + 1
+    blocks_along = _blocks_along(low, high, step)
     room, _ = _places_with_room(tools, points, shift, ball)
     # Of the box only what the flood comes to is looked at, but it must be numbered.
-    if np.prod(shape.astype(float)) > MOST_TABLE:
+    if math.prod(blocks_along) > MOST_TABLE:
         return None
-    blocks_along = tuple(int(n) for n in shape)
     table, state, sides, whole = flood(tools.arrays, shift, low, step, radius, blocks_along, room, MOST_BLOCKS)
     if not whole:
         return None
     if sides.any() or len(room) == 0:
-        rim = np.zeros((0, 3))
-        if (tools.arrays.kind == MESH).any():
-            # Bodies drawn in files may leave the cavity open because they are in one another's place.
-            table, state, _, _ = flood(tools.arrays, shift, low, step, radius, blocks_along, room, OPEN_BLOCKS, True)
-            rim = low + step * (_rim(table, state, _blocks_to_fill(table)) + 0.5)
-        return Cavity(math.inf, False, (low, high), ball, rim)
+        return Cavity(math.inf, False, (low, high), ball, np.zeros((0, 3)))
     blocks = _blocks_to_fill(table)
     rim = _rim(table, state, blocks)
     near = _near(rim, blocks, table.shape)
     volumes, lowest, highest = _fill(tools.arrays, shift, low, step, radius, table, state, blocks, near)
     bounds = low + step * lowest.min(axis=0), low + step * (highest.max(axis=0) + 1)
     return Cavity(float(volumes.sum()), True, bounds, ball, low + step * (rim + 0.5))
+
+
+def _open_rim(tools: ToolSet, points: FloatArray, shift: FloatArray, spacing: float, cavity: Cavity) -> FloatArray:
+    """Return the edge, shape (n, 3), mm, of what a ball floods of an open cavity, within `OPEN_BLOCKS`."""
+    (low, high), ball, step = cavity.bounds, cavity.clearance, spacing / CELLS_A_SPACING
+    room, _ = _places_with_room(tools, points, shift, ball)
+    along = _blocks_along(low, high, step)
+    table, state, _, _ = flood(tools.arrays, shift, low, step, 0.5 * ball, along, room, OPEN_BLOCKS, True)
+    return np.asarray(low + step * (_rim(table, state, _blocks_to_fill(table)) + 0.5))
+
+
+def _blocks_along(low: FloatArray, high: FloatArray, step: float) -> tuple[int, int, int]:
+    """Return how many blocks of cells hold a box along x, y, z."""
+    x, y, z = (np.ceil((high - low) / (BLOCK * step)).astype(np.int64) + 1).tolist()
+    return x, y, z
 
 
 def _places_with_room(tools: ToolSet, points: FloatArray, shift: FloatArray, width: float) -> tuple[FloatArray, int]:
