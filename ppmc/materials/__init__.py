@@ -7,7 +7,7 @@ a material of scenes; nothing else has to know of it. A material of one's own ne
 
 from __future__ import annotations
 
-import pkgutil
+import sys
 from collections.abc import Callable
 from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any, Union
@@ -16,18 +16,7 @@ from pydantic import BaseModel, Field, PlainSerializer, WrapValidator
 
 from ppmc.materials.law import LocalState, Material, Reference, effective_rate
 from ppmc.materials.section import MaterialBase
-
-
-def _named() -> dict[str, type[MaterialBase]]:
-    """Return the materials of this folder by the name that scenes give them."""
-    found: dict[str, type[MaterialBase]] = {}
-    for name in sorted(info.name for info in pkgutil.iter_modules(__path__)):
-        module = import_module(f"{__name__}.{name}")
-        for kind in vars(module).values():
-            own = isinstance(kind, type) and issubclass(kind, MaterialBase) and kind.__module__ == module.__name__
-            if own and "model" in kind.model_fields:
-                found[kind.model_fields["model"].default] = kind
-    return found
+from ppmc.scene.base import kinds_in
 
 
 def _unfinished() -> list[type[BaseModel]]:
@@ -43,7 +32,7 @@ def _as_it_is(value: Any, validate: Callable[[Any], Any]) -> Any:
     return value if isinstance(value, Material) else validate(value)
 
 
-MATERIALS = _named()
+MATERIALS: dict[str, type[MaterialBase]] = kinds_in(sys.modules[__name__], MaterialBase, "model")
 """The materials that scenes know, by ``model``."""
 globals().update({kind.__name__: kind for kind in MATERIALS.values()})
 

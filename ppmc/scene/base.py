@@ -5,7 +5,10 @@ from __future__ import annotations
 import ast
 import hashlib
 import inspect
+import pkgutil
 import textwrap
+from importlib import import_module
+from types import ModuleType
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler
@@ -63,3 +66,25 @@ def description_of(law: Any) -> dict[str, Any]:
     except (OSError, TypeError):
         source = "unknown"
     return {"class": f"{kind.__module__}.{kind.__qualname__}", **constants, "source": source}
+
+
+def kinds_in(package: ModuleType, base: type, key: str) -> dict[str, type[Any]]:
+    """Return the sections of a package's files by the name that scenes give them; only the folder has to know of them.
+
+    Parameters
+    ----------
+    package : module
+        The package; each of its modules is imported.
+    base : type
+        Subclasses of this that a module itself defines are looked at.
+    key : str
+        The field whose default is a kind's name, such as ``"model"``; classes without it are no kinds.
+    """
+    found: dict[str, type[Any]] = {}
+    for name in sorted(info.name for info in pkgutil.iter_modules(package.__path__)):
+        module = import_module(f"{package.__name__}.{name}")
+        for kind in vars(module).values():
+            own = isinstance(kind, type) and issubclass(kind, base) and kind.__module__ == module.__name__
+            if own and key in kind.model_fields:
+                found[kind.model_fields[key].default] = kind
+    return found

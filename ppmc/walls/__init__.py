@@ -7,27 +7,15 @@ can be passed where a scene's section could.
 
 from __future__ import annotations
 
-import pkgutil
+import sys
 from collections.abc import Callable
 from difflib import get_close_matches
-from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any, Union
 
 from pydantic import Field, PlainSerializer, WrapValidator
 
+from ppmc.scene.base import kinds_in
 from ppmc.walls.law import WallLaw, WallSection
-
-
-def _named() -> dict[str, type[WallSection]]:
-    """Return the laws of this folder by the name that scenes give them."""
-    found: dict[str, type[WallSection]] = {}
-    for name in sorted(info.name for info in pkgutil.iter_modules(__path__)):
-        module = import_module(f"{__name__}.{name}")
-        for kind in vars(module).values():
-            own = isinstance(kind, type) and issubclass(kind, WallSection) and kind.__module__ == module.__name__
-            if own and "law" in kind.model_fields:
-                found[kind.model_fields["law"].default] = kind
-    return found
 
 
 def _in_full(value: Any, validate: Callable[[Any], Any]) -> Any:
@@ -41,7 +29,7 @@ def _in_full(value: Any, validate: Callable[[Any], Any]) -> Any:
     return validate(value)
 
 
-LAWS = _named()
+LAWS: dict[str, type[WallSection]] = kinds_in(sys.modules[__name__], WallSection, "law")
 """The wall laws that scenes know, by ``law``."""
 globals().update({kind.__name__: kind for kind in LAWS.values()})
 
